@@ -1,0 +1,315 @@
+"""
+From a device to the arrays of the kernel: one place where the wiring is done.
+
+A :class:`Model` starts as the ideal stack of Eqs. 11 to 17.  Every effect that
+is switched on adds its piece through the few verbs below (a linear state, a
+term in one of the balances, a number changed, a memoryless map before or after
+the stack), and :func:`assemble` lays the result out for the kernel.  The model
+knows nothing of single effects.
+
+Signals that a linear term may use as a source: ``displacement`` (m),
+``velocity`` (m/s), ``charge`` (C), ``voltage`` (V, at the terminals),
+``command`` (V or C, after the drive's static part), ``external_force`` (N),
+``one``, and the name of any state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+
+from piezo_stack_sim.plant import kernel
+
+
+@dataclass
+class Model:
+    """
+    A device being put together; the paper's symbols, SI units.
+
+    Attributes
+    ----------
+    m, b, k, C, T : float
+        Moving mass (kg), damping (N s/m), stiffness (N/m), linear capacitance
+        (F) and transformer ratio (N/V), Table 1.
+    maxwell_k, maxwell_v : numpy.ndarray, shape (n,)
+        Stiffness (V/C) and break voltage (V) of the Maxwell elements, Table 2.
+    period : float
+        Nominal sample period (s).
+    """
+
+    m: float
+    b: float
+    k: float
+    C: float
+    T: float
+    maxwell_k: np.ndarray
+    maxwell_v: np.ndarray
+    drive: str = 'voltage'
+    clamped: bool = False
+    output_resistance: float = 0.0
+    internal_resistance: float = 0.0
+    current_limit: float = math.inf
+    command_delay: float = 0.0
+    sensor_delay: float = 0.0
+    friction_stiffness: float = 0.0
+    friction_force: float = 0.0
+    contact_gap: float = math.inf
+    contact_stiffness: float = 0.0
+    smooth_voltage: tuple[float, float] = (0.0, 0.0)
+    smooth_force: tuple[float, float] = (0.0, 0.0)
+    previous_peak_voltage: float = 0.0
+    fast_rates: list[float] = field(default_factory=list)
+    slow_rates: list[float] = field(default_factory=list)
+    command_maps: list[Callable] = field(default_factory=list)
+    reading_maps: list[Callable] = field(default_factory=list)
+    states: list[str] = field(default_factory=list)
+    initial: dict[str, float] = field(default_factory=dict)
+    rates: dict[str, dict[str, float]] = field(default_factory=dict)
+    force_terms: dict[str, float] = field(default_factory=dict)
+    voltage_terms: dict[str, float] = field(default_factory=dict)
+    charge_reading_terms: dict[str, float] = field(default_factory=dict)
+    charge_loss_terms: dict[str, float] = field(default_factory=dict)
+    reading_terms: dict[str, float] = field(default_factory=lambda: {'displacement': 1.0})
+    reading_state: str | None = None
+    source_state: str | None = None
+    load_mass: float = 0.0
+    load_damping: float = 0.0
+    load_stiffness: float = 0.0
+    series_compliance: float = 0.0
+
+    # -- verbs for the effects -------------------------------------------------
+
+    def add_state(self, name: str, rate: Mapping[str, float], initial: float = 0.0) -> None:
+        """Add a linear state whose derivative is the weighted sum ``rate`` of signals."""
+        if name in self.rates:
+            raise ValueError(f'the state {name!r} exists already')
+        self.states.append(name)
+        self.rates[name] = dict(rate)
+        self.initial[name] = initial
+
+    def add_force(self, terms: Mapping[str, float]) -> None:
+        """Add forces (N) on the moving end, positive in the direction of extension."""
+        _accumulate(self.force_terms, terms)
+
+    def add_opposing_voltage(self, terms: Mapping[str, float]) -> None:
+        """Add voltages (V) in series with the Maxwell capacitor (sources: states, charge)."""
+        _accumulate(self.voltage_terms, terms)
+
+    def add_reading(self, terms: Mapping[str, float]) -> None:
+        """Add displacements (m) to what is read."""
+        _accumulate(self.reading_terms, terms)
+
+    def add_charge_reading(self, terms: Mapping[str, float]) -> None:
+        """Add charges (C) that the charge measurement sees but the stack does not."""
+        _accumulate(self.charge_reading_terms, terms)
+
+    def lose_charge(self, terms: Mapping[str, float]) -> None:
+        """Take charges (C, sources: states) from what a charge drive delivers to the stack."""
+        _accumulate(self.charge_loss_terms, terms)
+
+    def read_through(self, name: str, rate_constant: float) -> None:
+        """Put a first-order lag with ``rate_constant`` (1/s) behind the reading so far."""
+        terms = {source: gain * rate_constant for source, gain in self.reading_terms.items()}
+        terms[name] = terms.get(name, 0.0) - rate_constant
+        self.add_state(name, terms)
+        self.reading_terms = {name: 1.0}
+        self.fast_rates.append(rate_constant)
+
+    def drive_through(self, name: str, rate_constant: float) -> None:
+        """Put a first-order lag with ``rate_constant`` (1/s) between command and terminals."""
+        self.add_state(name, {'command': rate_constant, name: -rate_constant})
+        self.source_state = name
+        self.fast_rates.append(rate_constant)
+
+    def map_command(self, function: Callable) -> None:
+        """Pass the command through a memoryless function of an array (V -> V or C -> C)."""
+        self.command_maps.append(function)
+
+    def map_reading(self, function: Callable) -> None:
+        """
+        Pass the displacement through a memoryless function.
+
+        It is called as ``function(reading, time, charge)`` with arrays of equal
+        shape (m, s since reset, C) and returns the new reading (m).
+        """
+        self.reading_maps.append(function)
+
+
+def _accumulate(terms: dict[str, float], more: Mapping[str, float]) -> None:
+    for source, gain in more.items():
+        terms[source] = terms.get(source, 0.0) + gain
+
+
+def attach_load(model: Model) -> None:
+    """
+    Connect the load and the external force to the moving end (Eq. 15).
+
+    Rigidly, or through ``series_compliance`` (m/N): then the force acts, the
+    load moves and the displacement is read behind the compliance.
+    """
+    if model.series_compliance <= 0.0 or model.clamped:
+        model.m += model.load_mass
+        model.b += model.load_damping
+        model.k += model.load_stiffness
+        model.add_force({'external_force': 1.0})
+        return
+    joint = 1.0 / model.series_compliance
+    if model.load_mass > 0.0:
+        model.add_state('load_displacement', {'load_velocity': 1.0})
+        model.add_state('load_velocity', {
+            'displacement': joint / model.load_mass, 'external_force': 1.0 / model.load_mass,
+            'load_displacement': -(joint + model.load_stiffness) / model.load_mass,
+            'load_velocity': -model.load_damping / model.load_mass})
+        model.slow_rates.append(math.sqrt((joint + model.load_stiffness) / model.load_mass))
+        outer = {'load_displacement': 1.0}
+    elif model.load_damping > 0.0:
+        model.add_state('load_displacement', {
+            'displacement': joint / model.load_damping,
+            'external_force': 1.0 / model.load_damping,
+            'load_displacement': -(joint + model.load_stiffness) / model.load_damping})
+        model.fast_rates.append((joint + model.load_stiffness) / model.load_damping)
+        outer = {'load_displacement': 1.0}
+    else:
+        total = joint + model.load_stiffness
+        outer = {'displacement': joint / total, 'external_force': 1.0 / total}
+    model.add_force({'displacement': -joint})
+    model.add_force({source: joint * gain for source, gain in outer.items()})
+    model.add_reading({'displacement': -1.0})
+    model.add_reading(outer)
+
+
+@dataclass(frozen=True)
+class System:
+    """The arrays of one device in one drive mode, as the kernel takes them."""
+
+    state_names: tuple[str, ...]
+    initial: np.ndarray
+    k: np.ndarray
+    v_break: np.ndarray
+    r: np.ndarray
+    real: np.ndarray
+    ints: np.ndarray
+    rates: np.ndarray
+    opposing: np.ndarray
+    reading: np.ndarray
+    omega_max: float
+    rate_max: float
+    n_modes: int
+
+
+def assemble(model: Model) -> System:
+    """
+    Lay a model out for the kernel.
+
+    Returns
+    -------
+    System
+        Arrays in the layout that :mod:`piezo_stack_sim.plant.kernel` describes.
+
+    """
+    attach_load(model)
+    voltage_driven = model.drive in ('voltage', 'shorted')
+    resistance = model.output_resistance + model.internal_resistance
+    limited = math.isfinite(model.current_limit)
+    if limited and voltage_driven and resistance <= 0.0:
+        # An ideal source behind a limiter needs some resistance to be causal;
+        # 1 ohm with a fraction of a microfarad is faster than any row.
+        model.output_resistance = resistance = 1.0
+    charge_is_state = voltage_driven and resistance > 0.0
+
+    names = ['displacement', 'velocity']
+    if charge_is_state:
+        names.append('charge')
+    names += model.states
+    n_states = len(names)
+    width = n_states + 2 + kernel.N_INPUTS
+    column = {name: i for i, name in enumerate(names)}
+    column['charge'] = n_states
+    column['voltage'] = n_states + 1
+    base = n_states + 2
+    column['command'] = base + kernel.U
+    column['external_force'] = base + kernel.FORCE
+    column['one'] = base + kernel.ONE
+    if model.source_state is not None and not voltage_driven:
+        model.source_state = None
+
+    def row(terms: Mapping[str, float]) -> np.ndarray:
+        out = np.zeros(width)
+        for source, gain in terms.items():
+            out[column[source]] += gain
+        return out
+
+    rates = np.zeros((n_states, width))
+    if not model.clamped:
+        rates[0, 1] = 1.0
+        force = row(model.force_terms)
+        force[column['charge']] += model.T / model.C  # Eq. 14 with v_t = (q - T x)/C, Eq. 11
+        force[0] -= model.k + model.T ** 2 / model.C
+        force[1] -= model.b
+        force[base + kernel.A_FRICTION] += 1.0
+        force[base + kernel.A_CONTACT] += 1.0
+        force[base + kernel.SMOOTH_F] += 1.0
+        rates[1] = force / model.m  # Eq. 15
+    for name in model.states:
+        rates[column[name]] = row(model.rates[name])
+
+    opposing = np.zeros((2, n_states + 1))
+    for source, gain in model.voltage_terms.items():
+        opposing[0, n_states if source == 'charge' else column[source]] += gain
+    for source, gain in model.charge_loss_terms.items():
+        opposing[1, column[source]] += gain
+
+    reading = np.zeros((kernel.N_OUTPUTS, width))
+    reading[0] = row(model.reading_terms)
+    reading[1, 1] = 1.0
+    reading[2] = row({'charge': 1.0, **model.charge_reading_terms})
+    reading[3, column['voltage']] = 1.0
+    reading[4, column['charge']] = model.T / model.C
+    reading[4, 0] = -model.T ** 2 / model.C
+
+    k = np.ascontiguousarray(model.maxwell_k, dtype=float)
+    v_break = np.ascontiguousarray(model.maxwell_v, dtype=float)
+    r = v_break / k
+
+    real = np.zeros(kernel.N_REAL)
+    real[kernel.R_T] = model.T
+    real[kernel.R_C] = model.C
+    real[kernel.R_MASS] = model.m
+    real[kernel.R_STIFFNESS] = model.k
+    real[kernel.R_RESISTANCE] = model.output_resistance
+    real[kernel.R_INTERNAL] = model.internal_resistance
+    real[kernel.R_LIMIT] = model.current_limit if limited else 0.0
+    real[kernel.R_FRICTION_K] = model.friction_stiffness
+    real[kernel.R_FRICTION_F] = model.friction_force
+    real[kernel.R_GAP] = model.contact_gap if math.isfinite(model.contact_gap) else 0.0
+    real[kernel.R_CONTACT_K] = model.contact_stiffness
+    real[kernel.R_V2], real[kernel.R_V3] = model.smooth_voltage
+    real[kernel.R_K2], real[kernel.R_K3] = model.smooth_force
+    real[kernel.R_OMEGA_EXTRA] = min(model.slow_rates, default=0.0)
+    real[kernel.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
+
+    stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness
+                + model.contact_stiffness)
+    omega_max = max([math.sqrt(stiffest / model.m), *model.slow_rates])
+    rate_max = max([omega_max, model.b / model.m, *model.fast_rates])
+    if charge_is_state:
+        elastance = float(k.sum()) + 1.0 / model.C + abs(opposing[0, n_states])
+        rate_max = max(rate_max, elastance / resistance)
+    real[kernel.R_RATE_MAX] = rate_max
+
+    ints = np.zeros(kernel.N_INT, dtype=np.int64)
+    ints[kernel.I_DRIVE] = kernel.VOLTAGE if voltage_driven else kernel.CHARGE
+    ints[kernel.I_QSTATE] = 2 if charge_is_state else -1
+    ints[kernel.I_FRICTION] = model.friction_force > 0.0 and model.friction_stiffness > 0.0
+    ints[kernel.I_CONTACT] = math.isfinite(model.contact_gap) and model.contact_stiffness > 0.0
+    ints[kernel.I_LIMITER] = limited and charge_is_state
+    ints[kernel.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
+    ints[kernel.I_CLAMPED] = model.clamped
+    ints[kernel.I_SOURCE] = -1 if model.source_state is None else column[model.source_state]
+
+    initial = np.array([model.initial.get(name, 0.0) for name in names])
+    return System(tuple(names), initial, k, v_break, r, real, ints, rates, opposing, reading,
+                  omega_max, rate_max, 12 * (k.size + 1))

@@ -1,0 +1,157 @@
+"""
+Whole recordings at once: one on one core, many over all cores.
+
+Rows at a constant rate go through :class:`~piezo_stack_sim.plant.stack.Plant`
+itself.  Irregular rows are laid on a grid of ticks of about 60 ns without
+accumulating an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+import os
+
+import numpy as np
+
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant.parameters import Device
+from piezo_stack_sim.plant.stack import MAX_CLASSES, Plant, PlantState, Response, Tables, TICK
+
+
+def simulate(device: Device, time, command, external_force=None, drive: str | None = None,
+             state: PlantState | None = None, seed: int | None = None,
+             noise: bool = False) -> Response:
+    """
+    Replay commands and forces through a device (Eqs. 11 to 17 and its effects).
+
+    Parameters
+    ----------
+    device : Device
+        Actuator, load and effects.
+    time : array_like, shape (n,)
+        Strictly increasing times of the rows (s); any spacing.
+    command : array_like, shape (n,)
+        Voltage (V) or charge (C), held from its row to the next.
+    external_force : array_like, shape (n,), optional
+        Force (N) in the direction of extension, held likewise.
+    drive : str, optional
+        ``voltage``, ``charge``, ``open`` or ``shorted``; the device's own if not given.
+    state : PlantState, optional
+        Where to start; relaxed if not given.
+    seed : int, optional
+        Seed of the sensor noise.
+    noise : bool
+        Whether the sensors are noisy and quantised.
+
+    Returns
+    -------
+    Response
+        n rows, each sampled just before its command takes effect.
+
+    Raises
+    ------
+    InputError
+        If lengths differ, times do not increase or a number is not finite.
+
+    """
+    time = np.ascontiguousarray(time, dtype=float)
+    command = np.ascontiguousarray(command, dtype=float)
+    force = (np.zeros_like(command) if external_force is None
+             else np.ascontiguousarray(external_force, dtype=float))
+    _check(time, command, force)
+    if seed is not None:
+        device = device.replace(noise={'seed': seed})
+    n = time.size
+    period = (time[-1] - time[0]) / (n - 1) if n > 1 else 1.0 / device.rate
+    plant = Plant(device, period, drive, noise)
+    if state is not None:
+        plant.restore(state)
+    first = plant.sample_noisy()
+    if n == 1:
+        rest = Response(*(np.empty(0) for _ in range(6)), plant.charge_out_of_range, plant.state)
+    elif np.abs(time - (time[0] + period * np.arange(n))).max() < max(5e-7, 1e-6 * period):
+        rest = plant.run(command[:-1], force[:-1])
+    else:
+        rest = _run_irregular(plant, time, command, force)
+    columns = [np.concatenate([[value], getattr(rest, name)]) for name, value in first.items()]
+    return Response(time, *columns, rest.charge_out_of_range, rest.final_state)
+
+
+def simulate_many(jobs: Iterable[tuple[Device, object]], workers: int | None = None
+                  ) -> list[Response]:
+    """
+    Simulate many (device, recording) pairs over all cores.
+
+    The kernel releases the interpreter lock, so threads share the work and the
+    arrays.  The order of the answers is the order of the jobs.
+    """
+    def one(job):
+        device, recording = job
+        return simulate(device, recording.time, recording.command, recording.external_force,
+                        recording.drive)
+
+    jobs = list(jobs)
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        return list(pool.map(one, jobs))
+
+
+def _check(time, command, force) -> None:
+    if time.ndim != 1 or time.size == 0:
+        raise InputError(f'time has shape {time.shape}: expected one column with at least a row')
+    for name, column in (('command', command), ('external_force', force)):
+        if column.shape != time.shape:
+            raise InputError(f'{name} has shape {column.shape}: expected {time.shape} as time')
+    for name, column in (('time', time), ('command', command), ('external_force', force)):
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            raise InputError(f'{name}, row {bad[0] + 1}: {column[bad[0]]} is not a finite number')
+    bad = np.flatnonzero(np.diff(time) <= 0.0)
+    if bad.size:
+        raise InputError(f'time, row {bad[0] + 2}: {time[bad[0] + 1]} s does not come after '
+                         f'{time[bad[0]]} s; sort the rows and drop duplicates')
+
+
+def _run_irregular(plant: Plant, time, command, force) -> Response:
+    """Rows of unequal length: a timeline of commands and readings, cut at each of them."""
+    source = plant.source_values(command)
+    lag, delay = plant.delays
+    n = time.size
+    moments = np.unique(np.concatenate([time, time + lag, time[1:] - delay]))
+    moments = moments[(moments > time[0]) & (moments <= time[-1])]
+    ends = moments[np.concatenate([np.diff(moments) > 1e-12, [True]])]
+    starts = np.concatenate([[time[0]], ends[:-1]])
+    tolerance = 1e-11
+    ruling = np.searchsorted(time + lag, starts + tolerance, side='right') - 1
+    u = np.where(ruling >= 0, source[np.maximum(ruling, 0)], plant.held_source)
+    f = force[np.searchsorted(time, starts + tolerance, side='right') - 1]
+    rows = _index_of(time[1:], ends, tolerance)
+    reads = _index_of(time[1:] - delay, ends, tolerance)
+    durations = ends - starts
+    known = np.unique(np.round(durations, 12))
+    if known.size <= MAX_CLASSES:
+        tables = Tables(plant.system, known)
+        seg_class = np.searchsorted(known, np.round(durations, 12)).astype(np.int64)
+        seg_ticks = tables.ticks[seg_class]
+    else:
+        unit = float(np.median(durations))
+        tables = Tables(plant.system, [unit])
+        tick = tables.tick[0]
+        marks = np.rint((ends - time[0]) / tick).astype(np.int64)
+        seg_ticks = np.diff(np.concatenate([[0], marks]))
+        seg_class = np.zeros(ends.size, np.int64)
+    out, read = np.empty((n - 1, kernel.N_OUTPUTS)), np.full(n - 1, np.nan)
+    plant.run_segments(tables, seg_class, seg_ticks, u, f, rows, reads, out, read)
+    read[np.isnan(read)] = plant.zero[0]  # what a delayed sensor shows of the time before
+    return plant.finish(time, out, read)
+
+
+def _index_of(moments, ends, tolerance) -> np.ndarray:
+    """For each segment end the index of the moment it belongs to, or -1."""
+    index = np.searchsorted(ends, moments - tolerance)
+    rows = np.full(ends.size, -1, dtype=np.int64)
+    inside = (moments > 0) & (index < ends.size)
+    inside &= np.abs(ends[np.minimum(index, ends.size - 1)] - moments) < 10 * TICK
+    rows[index[inside]] = np.flatnonzero(inside)
+    return rows

@@ -1,0 +1,521 @@
+"""
+The stack as a user meets it: simulate a recording, or step a device in time.
+
+:class:`Plant` is the streaming form, :func:`simulate` the offline one.  Both
+run the same segments through the same kernel, so the same commands give the
+same numbers to the bit, however they are cut into calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+import math
+
+import numpy as np
+
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant.assembly import assemble, System
+from piezo_stack_sim.plant.build import build_model
+from piezo_stack_sim.plant.parameters import Device
+from piezo_stack_sim.plant.sensors import disturb, disturbs
+
+TICK = 6.5e-8  # s; events are met on a grid at least this fine
+MAX_CLASSES = 8  # different row lengths treated exactly; more are laid on the tick grid
+
+
+@dataclass(frozen=True)
+class Response:
+    """
+    What a device does: arrays of shape (n,), SI units.
+
+    ``displacement`` (m) and ``charge`` (C) are the readings of the sensors,
+    ``voltage`` (V) is at the terminals, ``velocity`` (m/s) of the moving end,
+    ``force`` (N) the transduced force of Eq. 14.  Row k is sampled at
+    ``time[k]`` (s), just before command k takes effect.
+    """
+
+    time: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    charge: np.ndarray
+    voltage: np.ndarray
+    force: np.ndarray
+    charge_out_of_range: bool = False
+    final_state: PlantState | None = None
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One row of a :class:`Response`; floats, SI units."""
+
+    displacement: float
+    velocity: float
+    charge: float
+    voltage: float
+    force: float
+
+
+@dataclass(frozen=True)
+class PlantState:
+    """
+    Everything a device remembers; plain numbers, so that it can be saved.
+
+    ``states`` are the continuous states by name, ``blocks`` the positions q_bi
+    of Eq. 16 (C).
+    """
+
+    time: float
+    drive: str
+    states: dict[str, float]
+    blocks: list[float]
+    flags: list[int]
+    inputs: list[float]
+    memory: list[float]
+    commands: list[float]
+    readings: list[float]
+    zero: list[float]
+    out_of_range: bool
+    noise: dict | None = None
+
+    def to_dict(self) -> dict:
+        """Return the state as plain lists, numbers and names."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict) -> PlantState:
+        """
+        Read what :meth:`to_dict` wrote.
+
+        Raises
+        ------
+        InputError
+            If a key is missing or unknown.
+
+        """
+        try:
+            return cls(**data)
+        except TypeError as error:
+            raise InputError(f'saved plant state: {error}; expected the keys of '
+                             'PlantState.to_dict()') from None
+
+
+class Plant:
+    """
+    A device that is stepped in time.
+
+    Parameters
+    ----------
+    device : Device
+        Actuator, load, effects and sensor noise.
+    period : float, optional
+        Sample period (s); ``1 / device.rate`` if not given.
+    drive : str, optional
+        ``voltage``, ``charge``, ``open`` or ``shorted``; the device's own if
+        not given.
+    noise : bool
+        Whether the sensors are noisy and quantised as the device says.
+
+    """
+
+    def __init__(self, device: Device, period: float | None = None,
+                 drive: str | None = None, noise: bool = True) -> None:
+        self.device = device
+        self.period = 1.0 / device.rate if period is None else float(period)
+        if not self.period > 0.0 or not math.isfinite(self.period):
+            raise InputError(f'sample period {self.period} s: expected a positive number')
+        self.noisy = noise
+        self._configure(drive or device.drive)
+        self.reset()
+
+    # -- set-up ----------------------------------------------------------------
+
+    def _configure(self, drive: str) -> None:
+        model = build_model(self.device, drive)
+        self.drive = drive
+        self._model = model
+        self._sensors_disturb = disturbs(self.device.noise)
+        self._system = assemble(model)
+        h = self.period
+        self._command_lag, command_phase = _split_delay(model.command_delay, h)
+        self._reading_lag, reading_phase = _split_delay(model.sensor_delay, h)
+        cuts = {command_phase, h - reading_phase, h} - {0.0}
+        ends = sorted(cuts)
+        starts = [0.0, *ends[:-1]]
+        self._parts = len(ends)
+        # Which command rules a part: the newest one, or the one before it.
+        self._part_command = np.array(
+            [0 if start >= command_phase else -1 for start in starts]) - self._command_lag
+        self._part_reads = np.array([end == h - reading_phase for end in ends])
+        durations = [end - start for start, end in zip(starts, ends)]
+        self._tables = Tables(self._system, durations)
+
+    def reset(self) -> None:
+        """Return to the start: relaxed (or as ``initial_polarisation`` says), time zero."""
+        system, model = self._system, self._model
+        self.time = 0.0
+        self._ticks = 0
+        self._s = system.initial.copy()
+        self._p = np.zeros(system.k.size)
+        self._flags = np.zeros(kernel.N_FLAGS, dtype=np.int64)
+        self._inputs = np.zeros(kernel.N_INPUTS)
+        self._inputs[kernel.ONE] = 1.0
+        self._memory = np.zeros(4)
+        self._out_of_range = False
+        self._zero = np.zeros(2)
+        if model.previous_peak_voltage:
+            self._polarise(model)
+        self._commands = np.full(self._command_lag + 1, self._idle_command())
+        self._readings = np.zeros(self._reading_lag)
+        self._bring_in_line(self._idle_command())
+        outputs, reading = self._evaluate()
+        self._zero = np.array([reading, outputs[2]])
+        self._readings[:] = reading
+        seed = self.device.noise.seed
+        self._random = np.random.Generator(np.random.PCG64(seed))
+
+    def _polarise(self, model) -> None:
+        """Lead the relaxed device quasi-statically to a voltage and back to zero."""
+        system = self._system
+        real = system.real.copy()
+        real[kernel.R_V2] = real[kernel.R_V3] = 0.0
+        free = model.C + model.T ** 2 / model.k  # Eq. 11 at rest, Eq. 15: x = T v_t / k
+        q = 0.0
+        for voltage in (model.previous_peak_voltage, 0.0):
+            q = kernel.move_charge(q, free * voltage, free, real, self._flags, self._p,
+                                   system.r, system.k, system.v_break, 0.0)
+        kernel.stick(self._flags, self._p, system.r, q)
+        x = model.T * q / free / model.k
+        self._memory[:] = (x, q, q, x)
+        for name, value in {'displacement': x, 'charge': q}.items():
+            if name in system.state_names:
+                self._s[system.state_names.index(name)] = value
+        for i, name in enumerate(system.state_names):
+            if name.startswith('creep_'):
+                self._s[i] = q
+
+    def _bring_in_line(self, source: float) -> None:
+        """Settle the algebraic part (charge, offsets) for a source value, at no time."""
+        self._inputs[kernel.U] = math.nan  # differs from any value, so that the kernel settles
+        one = np.zeros(1, dtype=np.int64)
+        none = one - 1
+        self._tables.run(
+            one, one, np.array([source]), self._inputs[kernel.FORCE:kernel.FORCE + 1].copy(),
+            none, none, [self._s, self._p, self._flags, self._inputs, self._memory],
+            np.empty((0, kernel.N_OUTPUTS)), np.empty(0))
+
+    def _idle_command(self) -> float:
+        """Return the source value that keeps the device as it is."""
+        return float(self._memory[2]) if self.drive in ('charge', 'open') else 0.0
+
+    # -- state -------------------------------------------------------------------
+
+    @property
+    def state(self) -> PlantState:
+        """The whole memory of the device, independent of later steps."""
+        return PlantState(
+            self.time, self.drive, dict(zip(self._system.state_names, self._s.tolist())),
+            self._p.tolist(), self._flags.tolist(), self._inputs.tolist(),
+            self._memory.tolist(), self._commands.tolist(), self._readings.tolist(),
+            self._zero.tolist(), self._out_of_range,
+            _plain(self._random.bit_generator.state))
+
+    def restore(self, state: PlantState) -> None:
+        """
+        Continue from a saved state.
+
+        Raises
+        ------
+        InputError
+            If the state belongs to a device with other elements or states, or
+            is one that no history of commands can lead to.
+
+        """
+        if len(state.blocks) != self._system.k.size:
+            raise InputError(f'saved plant state: {len(state.blocks)} Maxwell elements, expected '
+                             f'{self._system.k.size}; use the state of the same actuator')
+        if state.drive != self.drive:
+            self._configure(state.drive)
+        wanted = set(self._system.state_names)
+        if set(state.states) != wanted:
+            missing = sorted(wanted.symmetric_difference(state.states))
+            raise InputError(f'saved plant state: the states {missing} do not match the '
+                             'effects of this device; use the same effects')
+        blocks = np.array(state.blocks)
+        if np.any(np.abs(np.diff(blocks)) > np.diff(self._system.r) * (1 + 1e-6) + 1e-12):
+            raise InputError('saved plant state: blocks further apart than any history of '
+                             'charge can leave them (break charges bound the differences)')
+        self.time = float(state.time)
+        self._ticks = round(self.time / self.period)
+        self._s = np.array([state.states[name] for name in self._system.state_names])
+        self._p = blocks
+        self._flags = np.array(state.flags, dtype=np.int64)
+        self._inputs = np.array(state.inputs)
+        self._memory = np.array(state.memory)
+        self._commands = np.array(state.commands)
+        self._readings = np.array(state.readings)
+        self._zero = np.array(state.zero)
+        self._out_of_range = bool(state.out_of_range)
+        if state.noise is not None:
+            self._random.bit_generator.state = state.noise
+
+    def set_drive(self, drive: str) -> None:
+        """Switch the drive without a jump in state; the present voltage or charge is held."""
+        if drive == self.drive:
+            return
+        present = self.sample_exact()
+        self._rebuild(drive)
+        hold = present[3] if drive == 'voltage' else 0.0 if drive == 'shorted' else present[2]
+        self._commands[:] = hold
+        self._bring_in_line(hold)
+
+    def set_device(self, device: Device) -> None:
+        """Change parameters while running; states keep their values (no jump in state)."""
+        self.device = device
+        self._rebuild(self.drive)
+
+    def _rebuild(self, drive: str) -> None:
+        old = dict(zip(self._system.state_names, self._s))
+        old.setdefault('charge', self._memory[2])
+        commands, readings = self._commands, self._readings
+        self._configure(drive)
+        self._s = np.array([old.get(name, start) for name, start in
+                            zip(self._system.state_names, self._system.initial)])
+        self._flags[kernel.F_LIMIT] = 0
+        self._bring_in_line(self._inputs[kernel.U])
+        self._commands = _resized(commands, self._command_lag + 1)
+        last = readings[-1] if readings.size else self._evaluate()[1]
+        self._readings = _resized(readings, self._reading_lag, last)
+
+    @property
+    def charge_out_of_range(self) -> bool:
+        """Whether an element that should not slip (the last one) has slipped since reset."""
+        return self._out_of_range
+
+    # -- stepping ------------------------------------------------------------------
+
+    def _evaluate(self) -> tuple[np.ndarray, float]:
+        """Outputs (5,) and reading of the present state without advancing."""
+        tables = self._tables
+        out, read = np.zeros((1, kernel.N_OUTPUTS)), np.zeros(1)
+        one = np.zeros(1, dtype=np.int64)
+        state = [array.copy() for array in (self._s, self._p, self._flags, self._inputs,
+                                            self._memory)]
+        tables.run(one, one, self._inputs[kernel.U:kernel.U + 1].copy(),
+                   self._inputs[kernel.FORCE:kernel.FORCE + 1].copy(), one, one, state, out, read)
+        return out[0], float(read[0])
+
+    def sample_exact(self) -> np.ndarray:
+        """Return displacement, velocity, charge, voltage and force now, as they truly are."""
+        return self._evaluate()[0]
+
+    def sample_noisy(self) -> dict[str, float]:
+        """Return the reading of the present instant, with noise if the plant is noisy."""
+        out, reading = self._evaluate()
+        measured = self._measure(np.array([self.time]), out[None, :], np.array([reading]),
+                                 self.noisy)
+        names = ('displacement', 'velocity', 'charge', 'voltage', 'force')
+        return {name: float(column[0]) for name, column in zip(names, measured)}
+
+    def sample(self) -> Sample:
+        """Return what the sensors show now, without advancing and without noise."""
+        out, reading = self._evaluate()
+        shown = self._readings[0] if self._readings.size else reading
+        measured = self._measure(np.array([self.time]), out[None, :], np.array([shown]), False)
+        return Sample(*(float(column[0]) for column in measured))
+
+    def advance(self, command: float, external_force: float = 0.0) -> Sample:
+        """
+        Hold a command (V or C) and a force (N) for one period.
+
+        Returns
+        -------
+        Sample
+            What the sensors show at the end of the period.
+
+        """
+        measured = self._run(np.array([command], dtype=float),
+                             np.array([external_force], dtype=float))
+        return Sample(*(float(column[0]) for column in measured))
+
+    def run(self, commands, external_forces=None) -> Response:
+        """
+        Hold each command for one period.
+
+        Parameters
+        ----------
+        commands : array_like, shape (n,)
+            Voltages (V) or charges (C); ignored when the leads are open or shorted.
+        external_forces : array_like, shape (n,), optional
+            Forces (N) in the direction of extension.
+
+        Returns
+        -------
+        Response
+            n rows, each sampled at the end of its command's period.
+
+        """
+        commands = np.ascontiguousarray(commands, dtype=float)
+        forces = (np.zeros_like(commands) if external_forces is None
+                  else np.ascontiguousarray(external_forces, dtype=float))
+        start = self._ticks
+        measured = self._run(commands, forces)
+        time = (start + 1 + np.arange(commands.size)) * self.period
+        return Response(time, *measured, self._out_of_range, self.state)
+
+    def source_values(self, commands: np.ndarray) -> np.ndarray:
+        """Return what the drive makes of commands: voltages (V) or charges (C)."""
+        if self.drive == 'shorted':
+            return np.zeros(commands.size)
+        if self.drive == 'open':
+            return np.full(commands.size, self._commands[-1])
+        for function in self._model.command_maps:
+            commands = function(commands)
+        return commands + self._zero[1] if self.drive == 'charge' else commands
+
+    @property
+    def held_source(self) -> float:
+        """The source value (V or C) that rules until the first command arrives."""
+        return float(self._commands[0])
+
+    @property
+    def delays(self) -> tuple[float, float]:
+        """Command delay and sensor delay (s)."""
+        return self._model.command_delay, self._model.sensor_delay
+
+    @property
+    def system(self) -> System:
+        """The device as the kernel takes it."""
+        return self._system
+
+    @property
+    def zero(self) -> np.ndarray:
+        """Displacement (m) and charge (C) at which the sensors read zero."""
+        return self._zero
+
+    def run_segments(self, tables: Tables, seg_class, seg_ticks, u, force, rows, reads,
+                     out, read) -> None:
+        """Run segments laid out by the caller; the state follows."""
+        state = [self._s, self._p, self._flags, self._inputs, self._memory]
+        tables.run(seg_class, seg_ticks, np.ascontiguousarray(u), np.ascontiguousarray(force),
+                   rows, reads, state, out, read)
+
+    def finish(self, time, out, read) -> Response:
+        """Pass raw outputs of a timeline that began at ``time[0]`` through the sensors."""
+        self.time += time[-1] - time[0]
+        self._ticks = round(self.time / self.period)
+        self._note_range()
+        measured = self._measure(time[1:] - time[0], out, read, self.noisy)
+        return Response(time[1:], *measured, self._out_of_range, self.state)
+
+    def _run(self, commands: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, ...]:
+        n = commands.size
+        source = self.source_values(commands)
+        if not (np.isfinite(source).all() and np.isfinite(forces).all()):
+            raise InputError('a command or force is not a finite number; nothing was advanced')
+        history = np.concatenate([self._commands, source])
+        parts = self._parts
+        lag = self._command_lag + 1
+        ticks = self._tables.ticks
+        if parts == 1:
+            seg_class, seg_ticks = np.zeros(n, np.int64), np.full(n, ticks[0])
+            u = history[lag + self._part_command[0]:][:n]
+            force = forces
+            rows = np.arange(n)
+            reads = rows
+        else:
+            seg_class = np.tile(np.arange(parts), n)
+            seg_ticks = np.tile(ticks, n)
+            index = np.arange(n)[:, None] + lag + self._part_command[None, :]
+            u = history[index].ravel()
+            force = np.repeat(forces, parts)
+            rows = np.full((n, parts), -1)
+            rows[:, -1] = np.arange(n)
+            reads = np.where(self._part_reads[None, :], np.arange(n)[:, None], -1)
+            rows, reads = rows.ravel(), np.ascontiguousarray(reads.ravel())
+        out, read = np.empty((n, kernel.N_OUTPUTS)), np.empty(n)
+        state = [self._s, self._p, self._flags, self._inputs, self._memory]
+        self._tables.run(seg_class, seg_ticks, np.ascontiguousarray(u), force, rows, reads,
+                         state, out, read)
+        self._commands = history[-lag:].copy()
+        if self._readings.size:
+            read = np.concatenate([self._readings, read])
+            self._readings = read[n:].copy()
+            read = read[:n]
+        time = (self._ticks + 1 + np.arange(n)) * self.period
+        self._ticks += n
+        self.time = self._ticks * self.period
+        self._note_range()
+        return self._measure(time, out, read, self.noisy)
+
+    def _note_range(self) -> None:
+        if self._p[-1] != 0.0 or self._flags[kernel.F_SLIP] == self._p.size:
+            self._out_of_range = True
+
+    def _measure(self, time, out, read, noisy) -> tuple[np.ndarray, ...]:
+        """Sensor side: zero, memoryless maps, noise, quantisation."""
+        displacement = read - self._zero[0]
+        charge = out[:, 2] - self._zero[1]
+        for function in self._model.reading_maps:
+            displacement = function(displacement, time, charge)
+        voltage = out[:, 3]
+        if noisy and self._sensors_disturb:
+            draws = self._random.standard_normal((time.size, 3))
+            displacement, charge, voltage = disturb(self.device.noise, displacement, charge,
+                                                    voltage, draws)
+        return displacement, out[:, 1], charge, voltage, out[:, 4]
+
+
+class Tables:
+    """Propagators of one system for a few segment lengths, made by the kernel when met."""
+
+    def __init__(self, system: System, durations: Sequence[float]) -> None:
+        self.system = system
+        n = system.rates.shape[0]
+        self.levels = np.array([max(0, math.ceil(math.log2(d / TICK))) for d in durations])
+        self.tick = np.array([d / 2.0 ** level for d, level in zip(durations, self.levels)])
+        self.ticks = (2 ** self.levels).astype(np.int64)
+        quarter = 1.3 / system.omega_max
+        self.short = np.array([max(0, min(int(level), math.floor(math.log2(quarter / tick))
+                                          if quarter > tick else 0))
+                               for level, tick in zip(self.levels, self.tick)])
+        width = n + kernel.N_INPUTS
+        self.built = np.zeros(system.n_modes, dtype=np.bool_)
+        self.tables = np.zeros((system.n_modes, len(durations), int(self.levels.max()) + 1, n,
+                                width + kernel.N_RAMPS))
+        self.rows = np.zeros((system.n_modes, 9 + kernel.N_OUTPUTS, width))
+        self.omegas = np.zeros(system.n_modes)
+
+    def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
+        """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
+        system = self.system
+        failed = kernel.run(
+            seg_class, seg_ticks, u, force, rows, reads, *state, system.k, system.v_break,
+            system.r, system.real, system.ints, system.rates, system.opposing, system.reading,
+            self.tick, self.levels, self.short, self.built, self.tables, self.rows, self.omegas,
+            out, read)
+        if failed:
+            raise InputError('the device left the finite numbers; the command, the force or a '
+                             'parameter is beyond anything a stack can follow')
+
+
+def _split_delay(delay: float, period: float) -> tuple[int, float]:
+    """Whole periods and the rest (s); a rest shorter than a tick counts as none."""
+    whole = math.floor(delay / period + 1e-9)
+    rest = delay - whole * period
+    return whole, (rest if rest > TICK else 0.0)
+
+
+def _resized(values: np.ndarray, size: int, fill: float | None = None) -> np.ndarray:
+    if values.size >= size:
+        return values[values.size - size:].copy()
+    first = fill if fill is not None else values[0]
+    return np.concatenate([np.full(size - values.size, first), values])
+
+
+def _plain(value):
+    """Turn the numbers of a random generator's state into plain Python ones."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return int(value) if isinstance(value, (int, np.integer)) else value
