@@ -19,7 +19,6 @@ REQUIRED = [
     'rich>=13.7',
     'rosbags>=0.10',
     'scipy>=1.11',
-    'setuptools',
 ]
 ROS = ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp']
 DASK = ['dask[distributed]>=2024.1']
@@ -65,7 +64,9 @@ setup(
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     # Templates, schemas and styles that lie beside the modules that use them.
-    package_data={'': ['*.html', '*.j2', '*.css', '*.svg', '*.json', '*.yaml', '*.mplstyle']},
+    package_data={
+        PACKAGE: [f'**/*.{kind}' for kind in ('css', 'html', 'j2', 'js', 'json', 'mplstyle', 'svg')],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

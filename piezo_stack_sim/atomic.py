@@ -1,0 +1,61 @@
+"""Files that are either the old one or the complete new one, whenever the writer is killed."""
+
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import tempfile
+
+from piezo_stack_sim.errors import InputError
+
+
+@contextmanager
+def atomic_path(path):
+    """
+    Give a temporary path beside `path`; move it over `path` when the block ends without error.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file to write. Missing folders above it are made.
+
+    Yields
+    ------
+    Path
+        An empty file in the same folder and with the same suffixes, to be written by the caller.
+
+    Raises
+    ------
+    InputError
+        When the folder or the file cannot be written.
+
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # A leading dot, so that a reader of the folder never takes it for a recording.
+        handle, name = tempfile.mkstemp(
+            dir=path.parent, prefix='.partial-', suffix=''.join(path.suffixes)
+        )
+        os.close(handle)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error.strerror}') from error
+    partial = Path(name)
+    try:
+        yield partial
+        with open(partial, 'rb') as written:
+            os.fsync(written.fileno())
+        # mkstemp made it private; a result file is as readable as any other.
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(partial, 0o666 & ~umask)
+        os.replace(partial, path)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error.strerror}') from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path, text):
+    """Write a UTF-8 text file atomically (see `atomic_path`)."""
+    with atomic_path(path) as partial:
+        partial.write_text(text, encoding='utf-8')
