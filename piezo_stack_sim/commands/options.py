@@ -1,0 +1,15 @@
+"""Arguments and options that several subcommands take."""
+
+import click
+
+params_option = click.option(
+    '--params', required=True, metavar='YAML',
+    help='Parameter file of the device, such as config/ae0505d16.yaml.')
+
+out_folder_option = click.option(
+    '--out', required=True, metavar='DIR', help='Folder to write to; made if missing.')
+
+map_option = click.option(
+    '--map', 'maps', multiple=True, metavar='CHANNEL=NAME',
+    help='Column or topic field of a channel, such as '
+         'displacement=/stage/joint_states.position[0]. May be given several times.')

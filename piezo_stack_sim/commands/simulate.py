@@ -1,0 +1,51 @@
+"""``piezo_stack simulate``: what the model says to the commands of a recording set."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from piezo_stack_sim.commands.options import map_option, out_folder_option, params_option
+from piezo_stack_sim.errors import InputError
+
+
+@click.command('simulate')
+@click.argument('recordings', metavar='SET')
+@params_option
+@out_folder_option
+@map_option
+@click.option('--noise', is_flag=True, help='Add the sensor noise of the parameter file.')
+@click.option('--seed', type=int, default=None,
+              help='Seed of the noise instead of the one in the parameter file.')
+def command(recordings, params, out, maps, noise, seed):
+    """
+    Replay the commands and external forces of SET through the plant.
+
+    Writes a recording set with the same names, times and commands, and the voltage, charge and
+    displacement that the model computes.
+
+    """
+    from piezo_stack_sim.plant import load_device, simulate
+    from piezo_stack_sim.progress import track
+    from piezo_stack_sim.recording.mapping import parse_mapping
+    from piezo_stack_sim.recording.read import read_set
+    from piezo_stack_sim.recording.write import write_csv_set
+
+    if Path(out).resolve() == Path(recordings).resolve():
+        raise InputError(f'--out {out}: expected another folder than SET; '
+                         'the recordings would be overwritten')
+    device = load_device(params)
+    given = read_set(recordings, mapping=parse_mapping(maps))
+    answers = []
+    for recording in track(given.recordings, 'Simulating'):
+        response = simulate(
+            device, recording.time, recording.command, recording.external_force,
+            drive=recording.drive, seed=seed, noise=noise)
+        answers.append(replace(recording, measured={
+            'voltage': response.voltage,
+            'charge': response.charge,
+            'displacement': response.displacement,
+        }))
+    write_csv_set(replace(given, recordings=tuple(answers)), out)
+    rows = sum(len(answer) for answer in answers)
+    click.echo(f'{len(answers)} recordings, {rows} rows: {out}')
