@@ -1,0 +1,23 @@
+"""
+Recordings: rosbag2 and CSV in, CSV and rosbag2 out, checked and mended by preflight.
+
+SI units everywhere; no ROS is needed. `read_set` reads, `preflight` checks, the writers write.
+"""
+
+from piezo_stack_sim.recording.csv_file import read_csv
+from piezo_stack_sim.recording.finding import Finding
+from piezo_stack_sim.recording.mapping import parse_mapping, parse_units
+from piezo_stack_sim.recording.recording import Recording, RecordingSet
+from piezo_stack_sim.recording.write import CsvWriter, write_csv, write_csv_set
+
+__all__ = [
+    'CsvWriter',
+    'Finding',
+    'parse_mapping',
+    'parse_units',
+    'read_csv',
+    'Recording',
+    'RecordingSet',
+    'write_csv',
+    'write_csv_set',
+]

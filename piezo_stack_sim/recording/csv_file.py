@@ -1,0 +1,329 @@
+"""CSV files, plain or gzipped, into recordings: fast for good files, exact about bad ones."""
+
+import csv
+import gzip
+import io
+import math
+import zlib
+
+import numpy as np
+
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.recording.assemble import (
+    assemble, checked_drive, COMMANDS, MAX_VALUES, thinned,
+)
+from piezo_stack_sim.recording.finding import Finding, NOTE, REPAIRED, shown
+from piezo_stack_sim.recording.mapping import CHANNELS, header_unit, suggestion
+
+_BLOCK = 1 << 22
+_LONGEST_LINE = 1 << 20
+_MISSING = {'', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none'}
+_BROKEN = (EOFError, gzip.BadGzipFile, zlib.error)
+
+
+def _raw_blocks(path):
+    """Yield the bytes of a file, unpacked, in blocks; InputError for whatever goes wrong."""
+    try:
+        with open(path, 'rb') as file:
+            magic = file.read(2)
+            file.seek(0)
+            packed = magic == b'\x1f\x8b'
+            if not packed and str(path).lower().endswith('.gz'):
+                what = 'is empty' if not magic else 'is not gzipped, whatever its name says'
+                raise InputError(f'{path}: {what}')
+            stream = gzip.GzipFile(fileobj=file) if packed else file
+            while block := stream.read(_BLOCK):
+                yield block
+    except _BROKEN as error:
+        raise InputError(
+            f'{path}: damaged or truncated gzip ({error}): copy it again, or save its good part '
+            'with gzip -dc FILE > PART.csv'
+        ) from error
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
+
+
+class _Lines:
+    """The whole lines of a file in blocks; `cut` tells whether the last line had no end."""
+
+    def __init__(self, path):
+        self.path = path
+        self.cut = False
+
+    def __iter__(self):
+        """Yield bytes that end with a line end."""
+        rest = b''
+        for number, block in enumerate(_raw_blocks(self.path)):
+            if not number:
+                block = self._decoded_start(block)
+            end = block.rfind(b'\n') + 1
+            if end:
+                whole = rest + block[:end]
+                yield whole.replace(b'\r\n', b'\n') if b'\r' in whole else whole
+                rest = block[end:]
+            else:
+                rest += block
+            if len(rest) > _LONGEST_LINE:
+                raise InputError(f'{self.path}: a line of more than 1 MB: not a CSV file')
+        self.cut = bool(rest.strip())
+
+    def _decoded_start(self, block):
+        if block.startswith((b'\xff\xfe', b'\xfe\xff')) or b'\0' in block[:4096]:
+            raise InputError(f'{self.path}: not UTF-8 text: save it as UTF-8 (it may be UTF-16)')
+        return block[3:] if block.startswith(b'\xef\xbb\xbf') else block
+
+
+def _split(path, line, number, delimiter):
+    """Return the cells of one line."""
+    try:
+        return next(csv.reader([line], delimiter=delimiter, strict=True), [])
+    except csv.Error as error:
+        raise InputError(f'{path}: row {number}: {error}') from error
+
+
+class _Header:
+    """The comment lines, the header and where the data begin."""
+
+    def __init__(self, path, block):
+        self.path = path
+        self.drive = None
+        number, position = 0, 0
+        line = ''
+        while position < len(block):
+            end = block.index(b'\n', position)
+            try:
+                line = block[position:end].decode('utf-8').strip()
+            except UnicodeDecodeError as error:
+                raise InputError(f'{path}: row {number + 1}: not UTF-8 text') from error
+            position, number = end + 1, number + 1
+            if line.startswith('#'):
+                key, _, value = line[1:].partition(':')
+                if key.strip().lower() == 'drive':
+                    self.drive = checked_drive(path, value)
+            elif line:
+                break
+        else:
+            raise InputError(f'{path}: empty: expected a header and rows')
+        self.delimiter = next((x for x in ',;\t' if x in line), ',')
+        self.names = [cell.strip() for cell in _split(path, line, number, self.delimiter)]
+        if all(_number(name) is not None for name in self.names):
+            raise InputError(
+                f'{path}: row {number}: numbers where the names of the columns should be: '
+                'put a header there, such as time,voltage_command,displacement'
+            )
+        self.row = number
+        self.rest = block[position:]
+
+
+def _number(text):
+    """Return the float of a cell, NaN for a missing one, None for anything else."""
+    text = text.strip()
+    if text.lower() in _MISSING:
+        return math.nan
+    # float() would also take 1_000 and the digits of other scripts.
+    if '_' in text or not text.isascii():
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+class _Columns:
+    """Which column holds which channel, in which unit."""
+
+    def __init__(self, path, names, mapping, units):
+        self.path, self.names = path, names
+        self.index, self.scale, self.findings = {}, {}, []
+        for channel, source in mapping.items():
+            if isinstance(source, str):
+                self._put(channel, [i for i, name in enumerate(names) if name == source], source)
+        for channel in CHANNELS:
+            if channel in mapping:
+                continue
+            places = [i for i, name in enumerate(names) if name.lower() == channel]
+            tagged = [(i, tag) for i, tag in enumerate(map(header_unit, names))
+                      if tag and tag[0] == channel]
+            if places or tagged:
+                self._put(channel, places + [i for i, _ in tagged], channel)
+            if tagged:
+                self._note(tagged[0][0], f'the header gives {channel} in {tagged[0][1][1]}')
+                self.scale[channel] = tagged[0][1][2]
+        for channel, factor in units.items():
+            if channel in self.index:
+                self.scale[channel] = factor
+                self._note(self.index[channel], f'{channel} is multiplied by {factor:g} (--unit)')
+        self._check()
+
+    def _note(self, index, what, mend=''):
+        what = f'column {shown(self.names[index])}: {what}'
+        self.findings.append(Finding(self.path, None, NOTE, what, mend))
+
+    def _put(self, channel, places, wanted):
+        if not places:
+            raise InputError(
+                f'{self.path}: --map {channel}: no column {shown(wanted)}'
+                f'{suggestion(wanted, self.names)}: its columns are {self._listed()}'
+            )
+        if len(places) > 1:
+            raise InputError(
+                f'{self.path}: columns {places[0] + 1} and {places[1] + 1} are both '
+                f'{shown(wanted)}: rename one, or choose with --map {channel}=...'
+            )
+        self.index[channel] = places[0]
+
+    def _listed(self):
+        names = ', '.join(shown(name) for name in self.names[:12])
+        return names + (', ...' if len(self.names) > 12 else '')
+
+    def _check(self):
+        if 'time' not in self.index:
+            raise InputError(
+                f'{self.path}: no column "time"{suggestion("time", self.names)}: map it '
+                f'(--map time=...); its columns are {self._listed()}'
+            )
+        used = set(self.index.values())
+        missing = [channel for channel in CHANNELS if channel not in self.index]
+        if not any(name in self.index for name in COMMANDS):
+            # The stricter check comes with the drive; here a misspelt name can still be seen.
+            missing = [*COMMANDS, *missing]
+        for place, name in enumerate(self.names):
+            hint = suggestion(name.lower(), missing) if place not in used and name else ''
+            if hint:
+                self._note(place, f'not used{hint}', 'use it with --map')
+
+
+def _careful(path, lines, numbers, header, columns):
+    """Parse lines cell by cell: quotes and missing cells are understood, the rest is named."""
+    out = np.empty((len(lines), len(columns.index)))
+    for k, line in enumerate(lines):
+        cells = _split(path, line.decode('latin-1'), int(numbers[k]), header.delimiter)
+        if len(cells) != len(header.names):
+            raise InputError(
+                f'{path}: row {numbers[k]}: {len(cells)} cells, but the header has '
+                f'{len(header.names)}: mend or remove the row'
+            )
+        for j, (channel, place) in enumerate(columns.index.items()):
+            value = _number(cells[place])
+            if value is None:
+                comma = header.delimiter != ',' and ',' in cells[place]
+                mend = ': write decimals with a point' if comma else ''
+                raise InputError(
+                    f'{path}: row {numbers[k]}, column {shown(header.names[place])}: '
+                    f'{shown(cells[place])} is not a number{mend}'
+                )
+            out[k, j] = value
+    return out
+
+
+def _even(data, delimiter, width):
+    """Return whether every line has `width` cells, by the positions of what separates them."""
+    characters = np.frombuffer(data, np.uint8)
+    ends = np.flatnonzero(characters == ord('\n'))
+    marks = np.flatnonzero(characters == ord(delimiter))
+    if marks.size != ends.size * (width - 1):
+        return False
+    if width == 1:
+        return True
+    marks = marks.reshape(ends.size, width - 1)
+    return bool(np.all(marks[:, -1] < ends) and np.all(marks[1:, 0] > ends[:-1]))
+
+
+def _filled(data, delimiter):
+    """Write nan into empty cells."""
+    mark = delimiter.encode()
+    for _ in range(2):
+        data = data.replace(mark + mark, mark + b'nan' + mark)
+    return (b'\n' + data).replace(mark + b'\n', mark + b'nan\n').replace(
+        b'\n' + mark, b'\nnan' + mark)[1:]
+
+
+def _parse(path, data, first, header, columns):
+    """Return the numbers, shape (rows, channels), and the line numbers of a block of lines."""
+    numbers = np.arange(first, first + data.count(b'\n'))
+    if b'\n\n' in data or data.startswith(b'\n'):
+        lines = data.split(b'\n')[:-1]
+        full = [k for k, line in enumerate(lines) if line.strip()]
+        numbers = numbers[full]
+        data = b''.join(lines[k] + b'\n' for k in full)
+    if data and b'"' not in data and _even(data, header.delimiter, len(header.names)):
+        for prepare in (lambda text, _: text, _filled):
+            try:
+                return np.loadtxt(
+                    io.BytesIO(prepare(data, header.delimiter)), delimiter=header.delimiter,
+                    comments=None, ndmin=2, usecols=list(columns.index.values()),
+                    encoding='latin-1',
+                ), numbers
+            except ValueError:
+                continue
+    return _careful(path, data.split(b'\n')[:-1], numbers, header, columns), numbers
+
+
+def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
+    """
+    Read one CSV file.
+
+    The first row that is neither empty nor a comment names the columns; a comment
+    ``# drive: open`` or ``# drive: shorted`` stands for a command. Cells are separated by commas,
+    semicolons or tabs. Empty cells, NaN, NA and null are read as NaN. A last row without a line
+    end is left out, because nobody can tell whether it was cut within a number.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, gzipped or not.
+    mapping : dict, optional
+        From `parse_mapping`; entries for topics are ignored.
+    units : dict of str to float, optional
+        From `parse_units`.
+    max_values : int
+        Numbers to keep at most; of a larger file every m-th row is kept.
+
+    Returns
+    -------
+    Recording
+        Not yet checked by preflight.
+
+    Raises
+    ------
+    InputError
+        The file, row, column and cell that are wrong.
+
+    """
+    path = str(path)
+    lines = _Lines(path)
+    header = columns = None
+    parts, numbers, line, seen, kept, step = [], [], 1, 0, 0, 1
+    for block in lines:
+        if header is None:
+            header = _Header(path, block)
+            columns = _Columns(path, header.names, mapping or {}, units or {})
+            line, block = header.row + 1, header.rest
+        if not block:
+            continue
+        values, rows = _parse(path, block, line, header, columns)
+        line += block.count(b'\n')
+        chosen = slice(-seen % step, None, step)
+        seen += len(rows)
+        parts.append(values[chosen])
+        numbers.append(rows[chosen])
+        kept += len(parts[-1])
+        while kept * values.shape[1] > max_values and kept > 1:
+            parts, numbers = [np.concatenate(parts)[::2]], [np.concatenate(numbers)[::2]]
+            kept, step = len(parts[0]), 2 * step
+    if header is None:
+        raise InputError(f'{path}: empty: expected a header and rows, each with a line end')
+    findings = list(columns.findings)
+    if lines.cut:
+        findings.append(Finding(
+            path, int(line), REPAIRED, 'the last row has no line end, it may have been cut',
+            'it is left out'))
+    if step > 1:
+        findings.append(thinned(path, kept, step))
+    table = np.concatenate(parts) if parts else np.empty((0, len(columns.index)))
+    read = {
+        channel: table[:, j] * columns.scale.get(channel, 1.0)
+        for j, channel in enumerate(columns.index)
+    }
+    rows = np.concatenate(numbers) if numbers else None
+    return assemble(path, read, header.drive, rows, findings)
