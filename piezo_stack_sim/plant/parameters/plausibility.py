@@ -54,7 +54,7 @@ def _ratios(a):
 
 
 def _mend(actuator, causes):
-    """Try the known slips one by one: the one that makes all ratios plausible is the likely one."""
+    """Try the known slips one by one: one that makes all ratios plausible is likely."""
     specs = parameter_specs()
     for name in causes:
         for unit, size in specs[f'actuator.{name}'].slips:

@@ -199,7 +199,7 @@ def _check_elements(actuator, report):
             'actuator.maxwell_break_voltage', volts,
             f'expected {len(stiffness)} values, one for each of actuator.maxwell_stiffness',
             f'it has {len(volts)}')
-    # MODEL.md: from a relaxed state the elements yield in order of V_i/k_i; the kernel counts on it
+    # From a relaxed state the elements yield in order of V_i/k_i, and the kernel counts on it.
     charges = actuator.break_charges
     for i in range(1, len(charges)):
         if not charges[i] > charges[i - 1]:
@@ -282,7 +282,7 @@ class _Report:
         anywhere = {k.rpartition('.')[2]: k for k in reversed(known)}
         close = [siblings[k] for k in get_close_matches(key, siblings, n=1, cutoff=0.6)]
         close = close or get_close_matches(name, known, n=1, cutoff=0.8)
-        close = close or [anywhere[k] for k in get_close_matches(key, anywhere, n=1, cutoff=0.8)]
+        close = close or [anywhere[k] for k in get_close_matches(key, anywhere, cutoff=0.8)]
         mend = f'did you mean {close[0]}?' if close else 'remove it'
         raise InputError(f'{self._where(name)}: {name} = {shown(value)}: '
                          f'expected a known parameter; {mend}')
