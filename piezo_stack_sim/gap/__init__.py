@@ -1,0 +1,1 @@
+"""Where the simulation differs from recordings, which effect causes it, how far it shrinks."""

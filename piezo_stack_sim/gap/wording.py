@@ -1,0 +1,164 @@
+"""The diagnosis in sentences: said once here, shown by the report and by the terminal."""
+
+from piezo_stack_sim.gap.quantities import (interval, listing, percent, quantity,
+                                            times_noise, unit_of, words)
+
+VERDICTS = {
+    'NO_GAP': 'No gap',
+    'CAUSE': 'Cause found',
+    'MULTIPLE': 'Several causes found',
+    'AMBIGUOUS': 'Causes tie',
+    'UNKNOWN': 'Cause unknown',
+    'NOT_IDENTIFIABLE': 'Not identifiable',
+}
+
+
+def verdict_sentence(diagnosis):
+    """Return what the gap is, how sure that is and how much smaller it gets, in one sentence."""
+    verdict = diagnosis['verdict']
+    sure = confidence(diagnosis)
+    sure = '' if sure is None else f' ({percent(sure)} sure)'
+    smaller = _shrinks(diagnosis)
+    if verdict == 'NO_GAP':
+        return ('The simulation agrees with the recordings to within the noise'
+                f'{sure}{_sizes(diagnosis)}.')
+    if verdict == 'CAUSE':
+        effect = diagnosis['selected'][0]
+        return _capital(f'{words(effect)}{_in_block(diagnosis, effect)} causes the gap{sure}'
+                        f'{smaller}.')
+    if verdict == 'MULTIPLE':
+        effects = listing(f'{words(effect)}{_in_block(diagnosis, effect, brief=True)}'
+                          for effect in diagnosis['selected'])
+        return _capital(f'{effects} together cause the gap{sure}{smaller}.')
+    if verdict == 'AMBIGUOUS':
+        effects = listing(map(words, diagnosis['ambiguity_set']), 'and')
+        return (f'These recordings cannot tell {effects} apart, one of which causes the gap{sure}'
+                f'{smaller}.')
+    if verdict == 'UNKNOWN':
+        return f'Nothing in the library explains the gap{sure}{_lies(diagnosis)}{smaller}.'
+    return f'These recordings cannot say what causes the gap{sure}{_lies(diagnosis)}{smaller}.'
+
+
+def confidence(diagnosis):
+    """
+    Return the probability that the verdict is right, or None where none was computed.
+
+    It is the file's ``confidence``; in a file without one, what the candidates' probabilities say.
+
+    """
+    if diagnosis.get('confidence') is not None:
+        return diagnosis['confidence']
+    by_effect = {cause['effect']: cause['probability'] for cause in diagnosis['causes']}
+    if diagnosis['verdict'] == 'CAUSE':
+        return by_effect.get(diagnosis['selected'][0])
+    if diagnosis['verdict'] == 'MULTIPLE':
+        together = set(diagnosis['selected'])
+        return next((probability for effect, probability in by_effect.items()
+                     if set(effect.split('+')) == together), None)
+    if diagnosis['verdict'] == 'AMBIGUOUS':
+        return min(1.0, sum(by_effect.get(effect, 0.0) for effect in diagnosis['ambiguity_set']))
+    return None
+
+
+def lead_channel(diagnosis):
+    """Return the channel to speak of first: displacement, or else the one with the widest gap."""
+    gap = diagnosis['gap']
+    if not gap:
+        return None
+    return 'displacement' if 'displacement' in gap else max(
+        gap, key=lambda channel: gap[channel]['over_noise'] or 0.0)
+
+
+def shrinkage_channels(diagnosis):
+    """Return the channels of ``shrinkage``, without what stands beside them."""
+    return {channel: row for channel, row in diagnosis['shrinkage'].items()
+            if channel not in ('placebo', 'ceiling', 'withheld')}
+
+
+def reference_score(diagnosis, name, channel):
+    """Return the S of the ``placebo`` or the ``ceiling`` for a channel, or None."""
+    value = diagnosis['shrinkage'][name]
+    return value.get(channel) if isinstance(value, dict) else value
+
+
+def next_sentence(experiment):
+    """Return the next experiment as an instruction, with what it would gain."""
+    profile, settings = experiment['profile'], experiment['settings']
+    parts = []
+    if profile:
+        tuned = listing(f'{words(key)} {_setting(value)}' for key, value in settings.items())
+        parts.append(f'play {words(profile)}' + (f' with {tuned}' if tuned else ''))
+    if experiment['add_channel']:
+        parts.append(f'measure {words(experiment["add_channel"])} as well')
+    text = _capital(' and '.join(parts) or 'record more')
+    if experiment['separates']:
+        text += f': it sets {listing(map(words, experiment["separates"]))} apart'
+        if experiment['separation'] is not None:
+            text += f' by {times_noise(experiment["separation"])} times the noise'
+    return f'{text}.'
+
+
+def _setting(value):
+    if isinstance(value, bool):
+        return 'on' if value else 'off'
+    if isinstance(value, (int, float)):
+        return f'{value:g}'
+    if isinstance(value, (list, tuple)):
+        return '/'.join(map(_setting, value))
+    return str(value)
+
+
+def _shrinks(diagnosis):
+    """Return the clause on how much smaller the lead channel's error gets."""
+    channel, shrinkage = lead_channel(diagnosis), shrinkage_channels(diagnosis)
+    row = shrinkage.get(channel) if diagnosis['selected'] else None
+    if row is None or row['after'] is None or row['S'] is None:
+        return ''
+    unit = unit_of(channel, diagnosis)
+    before, after = (quantity(row[key] ** 0.5, unit) for key in ('before', 'after'))
+    ci = interval(row['ci'] and [end if end is None else 100 * end for end in row['ci']], '%', 2)
+    change = 'shrinks' if row['after'] < row['before'] else 'changes'
+    return (f'; with {_switched(diagnosis)} on, the {words(channel)} error {change} from '
+            f'{before} to {after} rms, {percent(row["S"])}'
+            f'{f" {ci}" if ci else ""} of what is removable')
+
+
+def _switched(diagnosis):
+    """Return 'it', 'both', or the name where the sentence has not made it plain."""
+    selected = diagnosis['selected']
+    if diagnosis['verdict'] == 'CAUSE':
+        return 'it switched'
+    if diagnosis['verdict'] == 'MULTIPLE':
+        return 'both switched' if len(selected) == 2 else 'all of them switched'
+    return f'{listing(map(words, selected))} switched'
+
+
+def _sizes(diagnosis):
+    sizes = [f'{words(channel)} {times_noise(row["over_noise"])}'
+             for channel, row in diagnosis['gap'].items() if row['over_noise'] is not None]
+    return f': {listing(sizes)} times the noise' if sizes else ''
+
+
+def _lies(diagnosis):
+    where, channel = diagnosis['where'], lead_channel(diagnosis)
+    parts = []
+    if where['block']:
+        share = where['shares'].get(where['block'])
+        power = f' with {percent(share)} of its power' if share is not None else ''
+        parts.append(f'lies in the {where["block"]} block{power}')
+    if channel and diagnosis['gap'][channel]['over_noise'] is not None:
+        ratio = times_noise(diagnosis['gap'][channel]['over_noise'])
+        parts.append(f'is {ratio} times the noise in {words(channel)}')
+    return f', which {" and ".join(parts)}' if parts else ''
+
+
+def _in_block(diagnosis, effect, brief=False):
+    """Return where the effect lives, as a clause, from its own candidate or from a pair."""
+    for cause in diagnosis['causes']:
+        if cause['effect'] == effect:
+            return f' ({cause["block"]})' if brief else f' in the {cause["block"]} block'
+    return ''
+
+
+def _capital(text):
+    return text[:1].upper() + text[1:]
