@@ -185,9 +185,14 @@ def _mend_type(spec, value):
 def _mend_size(spec, number):
     if spec.lower >= 0.0 > number:
         return 'it must not be negative'
-    for unit, size in spec.slips:
-        if spec.lower <= number * size <= spec.upper:
-            return f'it looks like {unit}; write {number * size:.6g}'
+    fitting = [(unit, number * size) for unit, size in spec.slips
+               if spec.lower <= number * size <= spec.upper]
+    if fitting:
+        unit, mended = fitting[0]
+        if spec.lower > 0.0:  # the likeliest puts the value into the middle of its range
+            middle = math.sqrt(spec.lower * spec.upper)
+            unit, mended = min(fitting, key=lambda pair: abs(math.log(pair[1] / middle)))
+        return f'it looks like {unit}; write {mended:.6g}'
     return f'is it in {spec.unit}?' if spec.unit else 'mend the value'
 
 

@@ -1,0 +1,23 @@
+#!/usr/bin/env python3
+"""
+Make the environment and run the tests: `python3 tools/test.py [pytest arguments]`.
+
+Works from any folder; paths among the arguments are relative to the checkout.
+
+"""
+
+import subprocess
+import sys
+
+import environment
+
+
+def main():
+    """Run pytest in `.venv` and return its exit status."""
+    python = environment.ensure('ros', 'test')
+    command = [str(python), '-m', 'pytest', *sys.argv[1:]]
+    return subprocess.run(command, cwd=environment.ROOT, env=environment.variables()).returncode
+
+
+if __name__ == '__main__':
+    environment.run(main)
