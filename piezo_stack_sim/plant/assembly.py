@@ -198,6 +198,7 @@ class System:
     omega_max: float
     rate_max: float
     n_modes: int
+    is_ideal: bool
 
 
 def assemble(model: Model) -> System:
@@ -279,6 +280,7 @@ def assemble(model: Model) -> System:
     real[kernel.R_C] = model.C
     real[kernel.R_MASS] = model.m
     real[kernel.R_STIFFNESS] = model.k
+    real[kernel.R_DAMPING] = model.b
     real[kernel.R_RESISTANCE] = model.output_resistance
     real[kernel.R_INTERNAL] = model.internal_resistance
     real[kernel.R_LIMIT] = model.current_limit if limited else 0.0
@@ -308,8 +310,22 @@ def assemble(model: Model) -> System:
     ints[kernel.I_LIMITER] = limited and charge_is_state
     ints[kernel.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
     ints[kernel.I_CLAMPED] = model.clamped
+    # The ideal stack needs three inputs; the neutral rest is not worked with.
+    used = np.flatnonzero(np.any(rates[:, base:] != 0.0, axis=0)
+                          | np.any(reading[:, base:] != 0.0, axis=0))
+    extra = [kernel.SMOOTH_F] if ints[kernel.I_SMOOTH] else []
+    piecewise = (ints[kernel.I_FRICTION] or ints[kernel.I_CONTACT])
+    extra += [kernel.A_CONTACT] if piecewise else []
+    extra += [kernel.ONE] if ints[kernel.I_LIMITER] else []
+    used = [i for i in used if i <= kernel.ONE]
+    ints[kernel.I_INPUTS] = max([kernel.A_RC, *used, *extra]) + 1
     ints[kernel.I_SOURCE] = -1 if model.source_state is None else column[model.source_state]
 
+    # Two states, one port with memory, no further terms: the fast kernel can take it.
+    special = [kernel.I_FRICTION, kernel.I_CONTACT, kernel.I_LIMITER, kernel.I_SMOOTH]
+    is_ideal = (n_states == 2 and not ints[special].any() and not opposing.any()
+                and set(model.force_terms) <= {'external_force'}
+                and not reading[0, base + kernel.A_RC:].any())
     initial = np.array([model.initial.get(name, 0.0) for name in names])
     return System(tuple(names), initial, k, v_break, r, real, ints, rates, opposing, reading,
-                  omega_max, rate_max, 12 * (k.size + 1))
+                  omega_max, rate_max, 12 * (k.size + 1), is_ideal)

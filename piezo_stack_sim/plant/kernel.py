@@ -21,7 +21,8 @@ capacitance.  ``p[i]`` is the block position q_bi of Eq. 16 (C) and
 Layout of the arrays shared with :mod:`piezo_stack_sim.plant.assembly`:
 
 * columns of an *extended* row: states | q | v | inputs;
-* inputs: u, F_ext, a_rc, a_friction, a_contact, 1, smooth voltage, smooth force.
+* inputs: u, F_ext, a_rc, 1, a_friction, a_contact, smooth voltage, smooth force;
+  the ideal stack needs the first three, and only as many are worked with.
 """
 
 import math
@@ -29,8 +30,10 @@ import math
 from numba import njit
 import numpy as np
 
+from piezo_stack_sim.plant.cubic import crossing, hermite, turning
+
 # Inputs, in the order of their columns.
-U, FORCE, A_RC, A_FRICTION, A_CONTACT, ONE, SMOOTH_V, SMOOTH_F = range(8)
+U, FORCE, A_RC, ONE, A_FRICTION, A_CONTACT, SMOOTH_V, SMOOTH_F = range(8)
 N_INPUTS = 8
 N_RAMPS = 2  # the two smooth inputs may change linearly within a sub-step
 
@@ -40,12 +43,13 @@ N_OUTPUTS = 5  # reading of displacement, velocity, charge, voltage, transduced 
 # Real parameters of the kernel.
 (R_T, R_C, R_MASS, R_STIFFNESS, R_RESISTANCE, R_INTERNAL, R_LIMIT, R_FRICTION_K,
  R_FRICTION_F, R_GAP, R_CONTACT_K, R_V2, R_V3, R_K2, R_K3, R_OMEGA_EXTRA, R_RATE_MAX,
- R_TOL) = range(18)
-N_REAL = 18
+ R_TOL, R_DAMPING) = range(19)
+N_REAL = 19
 
 # Integer parameters.
-I_DRIVE, I_QSTATE, I_FRICTION, I_CONTACT, I_LIMITER, I_SMOOTH, I_CLAMPED, I_SOURCE = range(8)
-N_INT = 8
+(I_DRIVE, I_QSTATE, I_FRICTION, I_CONTACT, I_LIMITER, I_SMOOTH, I_CLAMPED, I_SOURCE,
+ I_INPUTS) = range(9)
+N_INT = 9
 
 # Drives.
 VOLTAGE, CHARGE = 0, 1
@@ -84,15 +88,29 @@ def maxwell_offset(slip, direction, p, k, v_break):
 
 
 @_jit
+def _product(a, b, factor):
+    size = a.shape[0]
+    out = np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            weight = a[i, j] * factor
+            if weight != 0.0:
+                for c in range(size):
+                    out[i, c] += weight * b[j, c]
+    return out
+
+
+@_jit
 def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-               tables, rows, omegas):
+               tables, rows, omegas, dampings):
     """
     Resolve the algebra of one mode and make its propagators.
 
     ``rates`` (N, N+2+8) are the derivatives of the states over extended
     signals, ``opposing`` (2, N+1) the voltage in series with the Maxwell
     capacitor and the charge lost under charge drive, both over states and q, ``reading`` (5, N+2+8) the outputs.
-    Fills ``tables[mode]``, ``rows[mode]`` and ``omegas[mode]``.
+    Fills ``tables[mode]``, ``rows[mode]``, and the natural frequency ``omegas``
+    (rad/s) and decay rate ``dampings`` (1/s) of the moving end in this mode.
     """
     n_states = rates.shape[0]
     n = k.size
@@ -220,6 +238,7 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     if real[R_OMEGA_EXTRA] > 0.0:
         omega = min(omega, real[R_OMEGA_EXTRA])
     omegas[mode] = omega
+    dampings[mode] = -0.5 * augmented[1, 1]
 
     size = width + N_RAMPS
     for d in range(cls_tick.size):
@@ -232,91 +251,39 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
         e = np.eye(size)
         term = np.eye(size)
         for order in range(1, 13):
-            term = (term @ augmented) * (step / order)
+            term = _product(term, augmented, step / order)
             e += term
         for _ in range(scaling):
-            e = e @ e
+            e = _product(e, e, 1.0)
         for level in range(levels[d] + 1):
             for i in range(n_states):
                 for c in range(size):
                     tables[mode, d, level, i, c] = e[i, c]
             if level < levels[d]:
-                e = e @ e
+                e = _product(e, e, 1.0)
 
 
 @_jit
-def _dot(rows, mode, row, s, inputs):
+def _dot(rows, mode, row, s, inputs, n_in):
     total = 0.0
     n_states = s.size
     for c in range(n_states):
         total += rows[mode, row, c] * s[c]
-    for c in range(N_INPUTS):
+    for c in range(n_in):
         total += rows[mode, row, n_states + c] * inputs[c]
     return total
 
 
 @_jit
-def _propagate(table, s, inputs, out):
+def _propagate(tables, mode, d, level, s, inputs, n_in, out):
     n_states = s.size
     for i in range(n_states):
         total = 0.0
         for c in range(n_states):
-            total += table[i, c] * s[c]
-        for c in range(N_INPUTS):
-            total += table[i, n_states + c] * inputs[c]
+            total += tables[mode, d, level, i, c] * s[c]
+        for c in range(n_in):
+            total += tables[mode, d, level, i, n_states + c] * inputs[c]
         out[i] = total
-
-
-@_jit
-def _hermite(theta, y0, d0, y1, d1):
-    """Cubic through the ends of a sub-step; d0, d1 are slopes times its length."""
-    t2 = theta * theta
-    t3 = t2 * theta
-    return ((2.0 * t3 - 3.0 * t2 + 1.0) * y0 + (t3 - 2.0 * t2 + theta) * d0
-            + (3.0 * t2 - 2.0 * t3) * y1 + (t3 - t2) * d1)
-
-
-@_jit
-def _turning(y0, d0, y1, d1):
-    """Return where in (0, 1) the cubic turns, or 2 if it does not."""
-    a = 6.0 * (y0 - y1) + 3.0 * (d0 + d1)
-    b = 6.0 * (y1 - y0) - 4.0 * d0 - 2.0 * d1
-    c = d0
-    best = 2.0
-    if abs(a) < 1e-12 * (abs(b) + abs(c)):
-        if b != 0.0:
-            root = -c / b
-            if 0.0 < root < 1.0:
-                best = root
-        return best
-    disc = b * b - 4.0 * a * c
-    if disc < 0.0:
-        return best
-    disc = math.sqrt(disc)
-    half = -0.5 * (b + (disc if b >= 0.0 else -disc))
-    root = half / a
-    if 0.0 < root < 1.0:
-        best = root
-    if half != 0.0:
-        root = c / half
-        if 0.0 < root < 1.0 and root < best:
-            best = root
-    return best
-
-
-@_jit
-def _crossing(level, y0, d0, y1, d1, upper):
-    """Return where the cubic first reaches ``level`` in (0, upper]."""
-    low = 0.0
-    high = upper
-    rising = _hermite(upper, y0, d0, y1, d1) > level
-    for _ in range(14):
-        middle = 0.5 * (low + high)
-        if (_hermite(middle, y0, d0, y1, d1) > level) == rising:
-            high = middle
-        else:
-            low = middle
-    return high
 
 
 @_jit
@@ -348,41 +315,43 @@ def move_charge(q0, target, slope_cap, real, flags, p, r, k, v_break, opposing_q
     """
     n = k.size
     q = q0
-    a = maxwell_offset(flags[F_SLIP], flags[F_DIR], p, k, v_break)
+    slip = flags[F_SLIP]
+    a = maxwell_offset(slip, flags[F_DIR], p, k, v_break)
     stiff = opposing_q
-    for i in range(flags[F_SLIP], n):
+    for i in range(slip, n):
         stiff += k[i]
     value = q + slope_cap * (a + stiff * q + _smooth_voltage(q, real))
     miss = target - value
     if abs(miss) <= 1e-18:
         return q
     direction = 1 if miss > 0.0 else -1
-    if flags[F_SLIP] > 0 and flags[F_DIR] != direction:
+    if slip > 0 and flags[F_DIR] != direction:
         stick(flags, p, r, q)
-    flags[F_DIR] = direction
-    while True:
-        slip = flags[F_SLIP]
-        a = maxwell_offset(slip, direction, p, k, v_break)
+        slip = 0
+        a = maxwell_offset(0, direction, p, k, v_break)
         stiff = opposing_q
-        for i in range(slip, n):
+        for i in range(n):
             stiff += k[i]
-        if slip < n:
-            edge = p[slip] + direction * r[slip]
+    flags[F_DIR] = direction
+    while slip < n:
+        edge = p[slip] + direction * r[slip]
+        if direction * (q - edge) < 0.0:
             at_edge = edge + slope_cap * (a + stiff * edge + _smooth_voltage(edge, real))
-            if direction * (target - at_edge) >= 0.0 or direction * (q - edge) >= 0.0:
-                flags[F_SLIP] = slip + 1
-                q = edge if direction * (edge - q) > 0.0 else q
-                continue
-        for _ in range(8):
-            value = q + slope_cap * (a + stiff * q + _smooth_voltage(q, real))
-            slope = 1.0 + slope_cap * (stiff + q * (2.0 * real[R_V2] + 3.0 * q * real[R_V3]))
-            if slope < 0.05:
-                slope = 0.05
-            change = (target - value) / slope
-            q += change
-            if abs(change) < 1e-19 + 1e-15 * abs(q) or (real[R_V2] == 0.0 and real[R_V3] == 0.0):
+            if direction * (target - at_edge) < 0.0:
                 break
-        return q
+            q = edge
+        a += direction * v_break[slip] + k[slip] * p[slip]
+        stiff -= k[slip]
+        slip += 1
+    flags[F_SLIP] = slip
+    for _ in range(8):
+        value = q + slope_cap * (a + stiff * q + _smooth_voltage(q, real))
+        slope = 1.0 + slope_cap * (stiff + q * (2.0 * real[R_V2] + 3.0 * q * real[R_V3]))
+        change = (target - value) / max(slope, 0.05)
+        q += change
+        if abs(change) < 1e-19 + 1e-15 * abs(q) or (real[R_V2] == 0.0 and real[R_V3] == 0.0):
+            break
+    return q
 
 
 @_jit
@@ -413,7 +382,6 @@ def _settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block):
             given -= opposing[1, c] * s[c]
         q = move_charge(q, given, 0.0, real, flags, p, r, k, v_break, 0.0)
     x_block[2] = q
-    inputs[A_RC] = maxwell_offset(flags[F_SLIP], flags[F_DIR], p, k, v_break)
     if ip[I_SMOOTH] != 0:
         inputs[SMOOTH_V] = _smooth_voltage(q, real)
 
@@ -444,9 +412,10 @@ def _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block, 
     """
     n = k.size
     changed = False
-    q = _dot(rows, mode, 0, s, inputs)
+    n_in = ip[I_INPUTS]
+    q = _dot(rows, mode, 0, s, inputs, n_in)
     x_block[2] = q
-    rate = _dot(rows, mode, 1, s, inputs)
+    rate = _dot(rows, mode, 1, s, inputs, n_in)
     if flags[F_SLIP] > 0:
         direction = flags[F_DIR]
         if direction * (q - x_block[1]) > 0.0:
@@ -499,7 +468,7 @@ def _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block, 
             flags[F_CONTACT] = 0
             changed = True
     if ip[I_LIMITER] != 0:
-        want = _dot(rows, mode, 8, s, inputs)
+        want = _dot(rows, mode, 8, s, inputs, n_in)
         limit = real[R_LIMIT]
         state = 0
         if want > limit * (1.0 + 1e-9):
@@ -515,182 +484,236 @@ def _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block, 
 
 
 @_jit
-def _event(mode, rows, s, s1, inputs, length, flags, p, r, real, ip, x_block, n, reliable):
+def _event_charge(q0, d0, q1, d1, flags, p, r, far, n, reliable):
     """
-    Return the part of the sub-step after which the first event happens, or 2, and its kind.
+    Return the part of a sub-step after which the charge first meets an event, or 2.
 
-    The kind is 1 for a reversal of the charge, 2 for one of the displacement, else 0.
-
-    ``reliable`` says that the sub-step is short against the fastest motion, so
-    that the cubic through its ends tells what happens between them.
+    ``d0``, ``d1`` are slopes times the length, ``far`` the furthest charge of
+    this slip.  The second value is 1 if the event is a reversal.  ``reliable``
+    says that the sub-step is short against the fastest motion, so that the
+    cubic through its ends tells what happens between them.
     """
+    slip = flags[F_SLIP]
+    if slip > 0:
+        direction = flags[F_DIR]
+        top = 2.0
+        if direction * d1 < 0.0:
+            if direction * d0 > 0.0:
+                if direction * d0 > CHARGE_TOLERANCE or direction * (far - q1) > CHARGE_TOLERANCE:
+                    top = min(1.0, turning(q0, d0, q1, d1))
+            elif max(direction * far, direction * q0) - direction * q1 > CHARGE_TOLERANCE:
+                return 0.0, 1
+        if slip < n:
+            edge = p[slip] + direction * r[slip]
+            if top < 1.0:
+                if direction * (hermite(top, q0, d0, q1, d1) - edge) > CHARGE_TOLERANCE:
+                    return crossing(edge, q0, d0, q1, d1, top), 0
+            elif direction * (q1 - edge) > CHARGE_TOLERANCE:
+                return crossing(edge, q0, d0, q1, d1, 1.0), 0
+        return top, 1
+    high = p[0] + r[0] + CHARGE_TOLERANCE
+    low = p[0] - r[0] - CHARGE_TOLERANCE
+    if reliable and d0 * d1 < 0.0:
+        top = turning(q0, d0, q1, d1)
+        if top < 1.0:
+            peak = hermite(top, q0, d0, q1, d1)
+            if peak > high:
+                return crossing(high, q0, d0, q1, d1, top), 0
+            if peak < low:
+                return crossing(low, q0, d0, q1, d1, top), 0
+    if q1 > high:
+        return crossing(high, q0, d0, q1, d1, 1.0), 0
+    if q1 < low:
+        return crossing(low, q0, d0, q1, d1, 1.0), 0
+    return 2.0, 0
+
+
+@_jit
+def _event_displacement(x0, w0, x1, w1, flags, real, ip, x_block):
+    """Return the same for friction and contact; kind 2 is a reversal of the displacement."""
     first = 2.0
     kind = 0
-    q0 = _dot(rows, mode, 0, s, inputs)
-    q1 = _dot(rows, mode, 0, s1, inputs)
-    d0 = _dot(rows, mode, 1, s, inputs) * length
-    d1 = _dot(rows, mode, 1, s1, inputs) * length
-    if flags[F_SLIP] > 0:
-        direction = flags[F_DIR]
-        top = 1.0
-        far = max(direction * x_block[1], max(direction * q0, direction * q1))
-        turned = direction * d1 < 0.0 and far - direction * q1 > CHARGE_TOLERANCE
-        if not turned and direction * d1 < 0.0 and direction * d0 > 0.0:
-            turned = direction * d0 > CHARGE_TOLERANCE
-        if turned:
-            top = _turning(q0, d0, q1, d1)
-            if top > 1.0:
-                # The search began beyond the turning point, or met it at the very end.
-                top = 0.0 if direction * d0 <= 0.0 else 1.0
-            first = top
-            kind = 1
-        if flags[F_SLIP] < n:
-            edge = p[flags[F_SLIP]] + direction * r[flags[F_SLIP]]
-            reach = direction * (_hermite(top, q0, d0, q1, d1) - edge)
-            if top == 1.0:
-                reach = direction * (q1 - edge)
-            if reach > CHARGE_TOLERANCE:
-                first = min(first, _crossing(edge, q0, d0, q1, d1, top))
-                kind = 0
-    else:
-        high = p[0] + r[0] + CHARGE_TOLERANCE
-        low = p[0] - r[0] - CHARGE_TOLERANCE
-        if q1 > high:
-            first = min(first, _crossing(high, q0, d0, q1, d1, 1.0))
-        elif q1 < low:
-            first = min(first, _crossing(low, q0, d0, q1, d1, 1.0))
-        if reliable and d0 * d1 < 0.0:
-            top = _turning(q0, d0, q1, d1)
-            if top < 1.0:
-                peak = _hermite(top, q0, d0, q1, d1)
-                if peak > high:
-                    first = min(first, _crossing(high, q0, d0, q1, d1, top))
-                elif peak < low:
-                    first = min(first, _crossing(low, q0, d0, q1, d1, top))
-    if ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0:
-        x0 = s[0]
-        x1 = s1[0]
-        w0 = s[1] * length
-        w1 = s1[1] * length
-        top = 1.0
-        if w0 * w1 < 0.0:
-            top = min(1.0, _turning(x0, w0, x1, w1))
-        peak = _hermite(top, x0, w0, x1, w1) if top < 1.0 else x1
-        if ip[I_FRICTION] != 0:
-            if flags[F_FRIC] != 0:
-                far = max(flags[F_FRIC_DIR] * x_block[3],
-                          max(flags[F_FRIC_DIR] * x0, flags[F_FRIC_DIR] * x1))
-                if (flags[F_FRIC_DIR] * w1 < 0.0
-                        and (far - flags[F_FRIC_DIR] * x1 > DISPLACEMENT_TOLERANCE)):
-                    if flags[F_FRIC_DIR] * w0 <= 0.0:
-                        top = 0.0
-                    if top < first:
-                        first = top
-                        kind = 2
-            else:
-                reach = real[R_FRICTION_F] / real[R_FRICTION_K] + DISPLACEMENT_TOLERANCE
-                for which in range(2):
-                    edge = x_block[0] + reach if which == 0 else x_block[0] - reach
-                    sign = 1.0 if which == 0 else -1.0
-                    if sign * (peak - edge) > 0.0:
-                        first = min(first, _crossing(edge, x0, w0, x1, w1, top))
-                    elif sign * (x1 - edge) > 0.0:
-                        first = min(first, _crossing(edge, x0, w0, x1, w1, 1.0))
-        if ip[I_CONTACT] != 0:
-            gap = real[R_GAP]
-            if flags[F_CONTACT] == 0:
-                edge = gap + DISPLACEMENT_TOLERANCE
-                if peak > edge:
-                    first = min(first, _crossing(edge, x0, w0, x1, w1, top))
-                elif x1 > edge:
-                    first = min(first, _crossing(edge, x0, w0, x1, w1, 1.0))
-            else:
-                edge = gap - DISPLACEMENT_TOLERANCE
-                if peak < edge:
-                    first = min(first, _crossing(edge, x0, w0, x1, w1, top))
-                elif x1 < edge:
-                    first = min(first, _crossing(edge, x0, w0, x1, w1, 1.0))
-    if ip[I_LIMITER] != 0:
-        limit = real[R_LIMIT]
-        want0 = _dot(rows, mode, 8, s, inputs)
-        want1 = _dot(rows, mode, 8, s1, inputs)
-        state = flags[F_LIMIT]
-        edge = limit
-        over = False
-        if state == 0:
-            if want1 > limit * (1.0 + 1e-9):
-                over = True
-            elif want1 < -limit * (1.0 + 1e-9):
-                over = True
-                edge = -limit
-        elif state == 1:
-            over = want1 < limit
+    top = 1.0
+    if w0 * w1 < 0.0:
+        top = min(1.0, turning(x0, w0, x1, w1))
+    peak = hermite(top, x0, w0, x1, w1) if top < 1.0 else x1
+    if ip[I_FRICTION] != 0:
+        direction = flags[F_FRIC_DIR]
+        if flags[F_FRIC] != 0:
+            far = max(direction * x_block[3], max(direction * x0, direction * x1))
+            if direction * w1 < 0.0 and far - direction * x1 > DISPLACEMENT_TOLERANCE:
+                first = top if direction * w0 > 0.0 else 0.0
+                kind = 2
         else:
-            over = want1 > -limit
-            edge = -limit
-        if over:
-            part = 1.0
-            if want1 != want0:
-                part = (edge - want0) / (want1 - want0)
-            first = min(first, min(1.0, max(0.02, part)))
+            reach = real[R_FRICTION_F] / real[R_FRICTION_K] + DISPLACEMENT_TOLERANCE
+            for sign in (1.0, -1.0):
+                edge = x_block[0] + sign * reach
+                if sign * (peak - edge) > 0.0:
+                    first = min(first, crossing(edge, x0, w0, x1, w1, top))
+                elif sign * (x1 - edge) > 0.0:
+                    first = min(first, crossing(edge, x0, w0, x1, w1, 1.0))
+    if ip[I_CONTACT] != 0:
+        sign = 1.0 if flags[F_CONTACT] == 0 else -1.0
+        edge = real[R_GAP] + sign * DISPLACEMENT_TOLERANCE
+        at = 2.0
+        if sign * (peak - edge) > 0.0:
+            at = crossing(edge, x0, w0, x1, w1, top)
+        elif sign * (x1 - edge) > 0.0:
+            at = crossing(edge, x0, w0, x1, w1, 1.0)
+        if at < first:
+            first = at
+            kind = 0
     return first, kind
 
 
 @_jit
-def _calm(mode, rows, omegas, s, inputs, length, flags, p, r, ip, real, x_block, n):
-    """
-    Tell whether a sub-step longer than the fast motion may be tried.
-
-    The motion is split into a slow part and ringing, both bounded from the
-    first three derivatives; the bounds must keep clear of every event.
-    """
-    omega = omegas[mode]
-    q = _dot(rows, mode, 0, s, inputs)
-    d1 = _dot(rows, mode, 1, s, inputs)
-    d2 = _dot(rows, mode, 2, s, inputs)
-    d3 = _dot(rows, mode, 3, s, inputs)
-    inverse = 1.0 / omega
-    slow = d1 + d3 * inverse * inverse
-    ring = (abs(d2) + abs(d3) * inverse) * inverse
-    swing = 3.0 * ring * inverse + CHARGE_TOLERANCE
-    drift = (abs(slow) + 0.3 * ring) * length
-    if flags[F_SLIP] > 0:
-        if not flags[F_DIR] * slow > 3.0 * ring:
-            return False
+def _event_limit(want0, want1, state, limit):
+    """Return the part of a sub-step after which the amplifier begins or ends to limit, or 2."""
+    edge = limit
+    if state == 0:
+        if want1 < -limit * (1.0 + 1e-9):
+            edge = -limit
+        elif not want1 > limit * (1.0 + 1e-9):
+            return 2.0
+    elif state == 1:
+        if want1 >= limit:
+            return 2.0
     else:
-        if q + swing + drift > p[0] + r[0] and slow * length + swing > 0.0:
-            if ring > CHARGE_TOLERANCE * omega or abs(slow) * length > r[0]:
-                return False
-        if q - swing - drift < p[0] - r[0] and slow * length - swing < 0.0:
-            if ring > CHARGE_TOLERANCE * omega or abs(slow) * length > r[0]:
-                return False
+        edge = -limit
+        if want1 <= -limit:
+            return 2.0
+    part = 1.0
+    if want1 != want0:
+        part = (edge - want0) / (want1 - want0)
+    return min(1.0, max(0.02, part))
+
+
+@_jit
+def _clear(y, d1, d2, d3, omega, damping, length, low, high, exact):
+    """
+    Tell whether y stays within (low, high) for ``length`` seconds.
+
+    y is split into ringing about a centre and a slow part.  The amplitude
+    sqrt((y - centre)^2 + (y'/omega)^2) of a damped oscillator never grows, so
+    with two states (``exact``) the bound is strict; else it gets a margin.
+    """
+    inverse = 1.0 / omega
+    slow = d1 + (d3 + 2.0 * damping * d2) * inverse * inverse
+    if exact:
+        slow = 0.0
+    fast = d1 - slow
+    offset = -(d2 + 2.0 * damping * fast) * inverse * inverse  # of y from its centre
+    radius = math.sqrt(offset * offset + fast * fast * inverse * inverse)
+    top = y - offset + radius
+    bottom = y - offset - radius
+    if not exact:
+        margin = 0.5 * radius
+        top += margin + max(0.0, slow * length)
+        bottom -= margin - min(0.0, slow * length)
+    return top < high and bottom > low
+
+
+@_jit
+def _monotone(d1, d2, d3, omega, damping, direction):
+    """Tell whether y goes on in ``direction``: the slow part outruns the ringing."""
+    inverse = 1.0 / omega
+    slow = d1 + (d3 + 2.0 * damping * d2) * inverse * inverse
+    fast = d1 - slow
+    swing = abs(fast) + abs(d2 + 2.0 * damping * fast) * inverse
+    return direction * slow > 2.0 * swing
+
+
+@_jit
+def _calm(mode, rows, omegas, dampings, s, q, d1, inputs, n_in, length, flags, p, r, ip, real,
+          x_block, n):
+    """Tell whether a sub-step longer than the fast motion may be tried: no hidden event."""
+    omega = omegas[mode]
+    damping = dampings[mode]
+    exact = s.size == 2 and ip[I_SMOOTH] == 0
+    d2 = _dot(rows, mode, 2, s, inputs, n_in)
+    d3 = 0.0 if exact else _dot(rows, mode, 3, s, inputs, n_in)
+    if flags[F_SLIP] > 0:
+        if exact or not _monotone(d1, d2, d3, omega, damping, flags[F_DIR]):
+            return False
+    elif not _clear(q, d1, d2, d3, omega, damping, length, p[0] - r[0] - CHARGE_TOLERANCE,
+                    p[0] + r[0] + CHARGE_TOLERANCE, exact):
+        return False
     if ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0:
-        d2 = _dot(rows, mode, 6, s, inputs)
-        d3 = _dot(rows, mode, 7, s, inputs)
-        slow = s[1] + d3 * inverse * inverse
-        ring = (abs(d2) + abs(d3) * inverse) * inverse
-        swing = 3.0 * ring * inverse + DISPLACEMENT_TOLERANCE
-        drift = (abs(slow) + 0.3 * ring) * length
+        x = s[0]
+        w = s[1]
+        d2 = _dot(rows, mode, 6, s, inputs, n_in)
+        d3 = _dot(rows, mode, 7, s, inputs, n_in)
         if ip[I_FRICTION] != 0:
+            reach = real[R_FRICTION_F] / real[R_FRICTION_K] + DISPLACEMENT_TOLERANCE
             if flags[F_FRIC] != 0:
-                if not flags[F_FRIC_DIR] * slow > 3.0 * ring:
+                if not _monotone(w, d2, d3, omega, damping, flags[F_FRIC_DIR]):
                     return False
-            else:
-                reach = real[R_FRICTION_F] / real[R_FRICTION_K]
-                if abs(s[0] - x_block[0]) + swing + drift > reach:
-                    if ring > DISPLACEMENT_TOLERANCE * omega or abs(slow) * length > reach:
-                        return False
-        if ip[I_CONTACT] != 0 and abs(s[0] - real[R_GAP]) < swing + drift:
-            if ring > DISPLACEMENT_TOLERANCE * omega:
+            elif not _clear(x, w, d2, d3, omega, damping, length, x_block[0] - reach,
+                            x_block[0] + reach, exact):
+                return False
+        if ip[I_CONTACT] != 0:
+            low = -1.0
+            high = real[R_GAP] + DISPLACEMENT_TOLERANCE
+            if flags[F_CONTACT] != 0:
+                low = real[R_GAP] - DISPLACEMENT_TOLERANCE
+                high = 1.0
+            if not _clear(x, w, d2, d3, omega, damping, length, low, high, exact):
                 return False
     return True
+
+
+@_jit
+def _smooth_step(tables, rows, mode, d, level, length, s, s1, s2, inputs, ramp, real):
+    """
+    Let the smooth ports follow a straight line between the ends of a sub-step.
+
+    ``s1`` holds the end state with the ports held; it is corrected in place.
+    Returns by how much (V) a port strays from that line in the middle.
+    """
+    n_states = s.size
+    width = n_states + N_INPUTS
+    ramp[0] = 0.0
+    ramp[1] = 0.0
+    voltage = inputs[SMOOTH_V]
+    force = inputs[SMOOTH_F]
+    end_v = voltage
+    end_f = force
+    for i in range(n_states):
+        s2[i] = s1[i]
+    for _ in range(8):
+        inputs[SMOOTH_V] = end_v
+        q1 = _dot(rows, mode, 0, s1, inputs, N_INPUTS)
+        new_v = _smooth_voltage(q1, real)
+        new_f = _smooth_force(s1[0], real)
+        change = abs(new_v - end_v) + abs(new_f - end_f) / real[R_T]
+        end_v = new_v
+        end_f = new_f
+        ramp[0] = (end_v - voltage) / length
+        ramp[1] = (end_f - force) / length
+        for i in range(n_states):
+            s1[i] = (s2[i] + tables[mode, d, level, i, width] * ramp[0]
+                     + tables[mode, d, level, i, width + 1] * ramp[1])
+        if change < 1e-3 * real[R_TOL]:
+            break
+    inputs[SMOOTH_V] = end_v
+    inputs[SMOOTH_F] = end_f
+    q1 = _dot(rows, mode, 0, s1, inputs, N_INPUTS)
+    d1 = _dot(rows, mode, 1, s1, inputs, N_INPUTS) * length
+    inputs[SMOOTH_V] = voltage
+    inputs[SMOOTH_F] = force
+    q0 = _dot(rows, mode, 0, s, inputs, N_INPUTS)
+    d0 = _dot(rows, mode, 1, s, inputs, N_INPUTS) * length
+    middle_q = hermite(0.5, q0, d0, q1, d1)
+    middle_x = hermite(0.5, s[0], s[1] * length, s1[0], s1[1] * length)
+    return (abs(_smooth_voltage(middle_q, real) - 0.5 * (voltage + end_v))
+            + abs(_smooth_force(middle_x, real) - 0.5 * (force + end_f)) / real[R_T])
 
 
 @_jit
 def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         s, p, flags, inputs, x_block, k, v_break, r,
         real, ip, rates, opposing, reading, cls_tick, levels, short, built,
-        tables, rows, omegas, out_state, out_read):
+        tables, rows, omegas, dampings, out_state, out_read):
     """
     Advance the device over segments of constant command and force.
 
@@ -701,177 +724,166 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     Returns 0, or 1 if a state left the finite numbers.
     """
     n = k.size
+    n_in = ip[I_INPUTS]
     n_states = s.size
     s1 = np.empty(n_states)
     s2 = np.empty(n_states)
     ramp = np.zeros(N_RAMPS)
     smooth = ip[I_SMOOTH] != 0
+    plain = ip[I_LIMITER] == 0 and not smooth
+    displaced = ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0
     for segment in range(seg_class.size):
         d = seg_class[segment]
         tick = cls_tick[d]
-        top = levels[d]
-        jumped = inputs[U] != seg_u[segment] or inputs[FORCE] != seg_force[segment]
-        inputs[U] = seg_u[segment]
-        inputs[FORCE] = seg_force[segment]
-        mode = mode_index(flags, n, ip)
-        if jumped:
+        left = seg_ticks[segment]
+        # What happens at this instant: 3 the inputs jumped, 2 a port may switch, 0 nothing.
+        unsettled = 0
+        kind = 0
+        if inputs[U] != seg_u[segment] or inputs[FORCE] != seg_force[segment]:
+            inputs[U] = seg_u[segment]
+            inputs[FORCE] = seg_force[segment]
             _settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block)
             _offsets(inputs, flags, p, k, v_break, real, ip, x_block)
             x_block[1] = x_block[2]
-            mode = mode_index(flags, n, ip)
-            for _ in range(4):
-                if not built[mode]:
-                    build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-                               tables, rows, omegas)
-                    built[mode] = True
-                # A rate that now points back ends the slip at once.
-                if flags[F_SLIP] > 0:
-                    rate = _dot(rows, mode, 1, s, inputs)
-                    if flags[F_DIR] * rate < 0.0:
-                        stick(flags, p, r, x_block[2])
-                        _offsets(inputs, flags, p, k, v_break, real, ip, x_block)
-                        mode = mode_index(flags, n, ip)
-                        continue
-                if not _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip,
-                                x_block, 0):
-                    break
-                mode = mode_index(flags, n, ip)
-        left = seg_ticks[segment]
-        level = top
-        guard = 0
-        while left > 0:
+            unsettled = 4
+            kind = 1  # a rate of charge that now points back ends the slip at once
+        mode = mode_index(flags, n, ip)
+        level = levels[d]
+        rested = 0  # events that could not be resolved any finer: a guard
+        fresh = True  # q and d0 must be computed anew
+        q = 0.0
+        d0 = 0.0
+        while True:
             if not built[mode]:
                 build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-                           tables, rows, omegas)
+                           tables, rows, omegas, dampings)
                 built[mode] = True
-            if level > top:
-                level = top
+            if unsettled > 0:
+                unsettled -= 1
+                if _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block,
+                            kind):
+                    mode = mode_index(flags, n, ip)
+                else:
+                    unsettled = 0
+                fresh = True
+                continue
+            if left <= 0:
+                break
+            if fresh:
+                q = _dot(rows, mode, 0, s, inputs, n_in)
+                d0 = _dot(rows, mode, 1, s, inputs, n_in)
+                fresh = False
             while (1 << level) > left:
                 level -= 1
-            if level > short[d] and not _calm(mode, rows, omegas, s, inputs, tick * (1 << level),
-                                              flags, p, r, ip, real, x_block, n):
-                level = short[d]
-                while (1 << level) > left:
-                    level -= 1
+            if level > short[d]:
+                if not _calm(mode, rows, omegas, dampings, s, q, d0, inputs, n_in, tick * left,
+                             flags, p, r, ip, real, x_block, n):
+                    level = short[d]
+                elif plain:
+                    # Nothing can happen up to the end of the segment: go there.
+                    for i in range(n_states):
+                        s1[i] = s[i]
+                    while left > 0:
+                        while (1 << level) > left:
+                            level -= 1
+                        _propagate(tables, mode, d, level, s1, inputs, n_in, s2)
+                        for i in range(n_states):
+                            s1[i] = s2[i]
+                        left -= 1 << level
+                    for i in range(n_states):
+                        s[i] = s1[i]
+                    unsettled = 4
+                    kind = 0
+                    continue
             count = 1 << level
-            table = tables[mode, d, level]
-            _propagate(table, s, inputs, s1)
+            length = tick * count
+            _propagate(tables, mode, d, level, s, inputs, n_in, s1)
             if smooth:
-                # The smooth ports follow a straight line between the ends of a sub-step.
-                length = tick * count
-                ramp[0] = 0.0
-                ramp[1] = 0.0
-                width = n_states + N_INPUTS
                 voltage = inputs[SMOOTH_V]
                 force = inputs[SMOOTH_F]
-                end_v = voltage
-                end_f = force
-                for i in range(n_states):
-                    s2[i] = s1[i]
-                for _ in range(6):
-                    inputs[SMOOTH_V] = end_v
-                    q1 = _dot(rows, mode, 0, s1, inputs)
-                    inputs[SMOOTH_V] = voltage
-                    new_v = _smooth_voltage(q1, real)
-                    new_f = _smooth_force(s1[0], real)
-                    change = abs(new_v - end_v) + abs(new_f - end_f) / real[R_T]
-                    end_v = new_v
-                    end_f = new_f
-                    ramp[0] = (end_v - voltage) / length
-                    ramp[1] = (end_f - force) / length
-                    for i in range(n_states):
-                        s1[i] = (s2[i] + table[i, width] * ramp[0]
-                                 + table[i, width + 1] * ramp[1])
-                    if change < 1e-3 * real[R_TOL]:
-                        break
-                # Is a straight line good enough?  Compare at the middle of the sub-step.
-                q0 = _dot(rows, mode, 0, s, inputs)
-                d0 = _dot(rows, mode, 1, s, inputs) * length
-                inputs[SMOOTH_V] = end_v
-                inputs[SMOOTH_F] = end_f
-                q1 = _dot(rows, mode, 0, s1, inputs)
-                d1 = _dot(rows, mode, 1, s1, inputs) * length
-                inputs[SMOOTH_V] = voltage
-                inputs[SMOOTH_F] = force
-                middle_q = _hermite(0.5, q0, d0, q1, d1)
-                middle_x = _hermite(0.5, s[0], s[1] * length, s1[0], s1[1] * length)
-                error = (abs(_smooth_voltage(middle_q, real) - 0.5 * (voltage + end_v))
-                         + abs(_smooth_force(middle_x, real) - 0.5 * (force + end_f))
-                         / real[R_T])
-                if error > real[R_TOL] and level > 0 and guard < MAX_EVENTS:
+                error = _smooth_step(tables, rows, mode, d, level, length, s, s1, s2, inputs,
+                                     ramp, real)
+                if error > real[R_TOL] and level > 0:
                     level -= 1
-                    guard += 1
                     continue
-            part, kind = _event(mode, rows, s, s1, inputs, tick * count, flags, p, r, real, ip,
-                          x_block, n, level <= short[d])
-            done = count
-            event = part <= 1.0
-            if event and guard < MAX_EVENTS:
-                guard += 1
-                if level > short[d]:
+                inputs[SMOOTH_V] = voltage + ramp[0] * length
+                inputs[SMOOTH_F] = force + ramp[1] * length
+            q1 = _dot(rows, mode, 0, s1, inputs, n_in)
+            d1 = _dot(rows, mode, 1, s1, inputs, n_in)
+            reliable = level <= short[d]
+            part, kind = _event_charge(q, d0 * length, q1, d1 * length, flags, p, r, x_block[1],
+                                       n, reliable)
+            if displaced:
+                at, other = _event_displacement(s[0], s[1] * length, s1[0], s1[1] * length,
+                                                flags, real, ip, x_block)
+                if at < part:
+                    part = at
+                    kind = other
+            if ip[I_LIMITER] != 0:
+                at = _event_limit(_dot(rows, mode, 8, s, inputs, n_in),
+                                  _dot(rows, mode, 8, s1, inputs, n_in), flags[F_LIMIT],
+                                  real[R_LIMIT])
+                if at < part:
+                    part = at
+                    kind = 0
+            if part <= 1.0 and rested < MAX_EVENTS:
+                if not reliable:
                     # Too long to trust the cubic: come closer first.
                     level = max(short[d], level - 3)
+                    rested += 1
+                    if smooth:
+                        inputs[SMOOTH_V] = voltage
+                        inputs[SMOOTH_F] = force
                     continue
-                done = int(math.ceil(part * count))
-                if done < 1:
-                    done = 1
+                rested += 1
+                done = max(1, int(math.ceil(part * count)))
                 if done < count:
+                    if smooth:
+                        inputs[SMOOTH_V] = voltage
+                        inputs[SMOOTH_F] = force
                     for i in range(n_states):
                         s1[i] = s[i]
                     bit = 0
                     while (1 << bit) <= done:
                         if done & (1 << bit):
-                            table = tables[mode, d, bit]
-                            _propagate(table, s1, inputs, s2)
+                            _propagate(tables, mode, d, bit, s1, inputs, n_in, s2)
                             if smooth:
+                                width = n_states + N_INPUTS
                                 for i in range(n_states):
-                                    s2[i] += (table[i, n_states + N_INPUTS] * ramp[0]
-                                              + table[i, n_states + N_INPUTS + 1] * ramp[1])
+                                    s2[i] += (tables[mode, d, bit, i, width] * ramp[0]
+                                              + tables[mode, d, bit, i, width + 1] * ramp[1])
                                 inputs[SMOOTH_V] += ramp[0] * tick * (1 << bit)
                                 inputs[SMOOTH_F] += ramp[1] * tick * (1 << bit)
                             for i in range(n_states):
                                 s1[i] = s2[i]
                         bit += 1
+                left -= done
+                unsettled = 4
+                level = levels[d]
+            else:
+                left -= count
+                q = q1
+                d0 = d1
+                if flags[F_SLIP] > 0 and flags[F_DIR] * (q1 - x_block[1]) > 0.0:
+                    x_block[1] = q1
+                if flags[F_FRIC] != 0 and flags[F_FRIC_DIR] * (s1[0] - x_block[3]) > 0.0:
+                    x_block[3] = s1[0]
+                if reliable:
+                    level = levels[d]
             for i in range(n_states):
                 s[i] = s1[i]
             if smooth:
                 inputs[SMOOTH_F] = _smooth_force(s[0], real)
-                if done == count:
-                    inputs[SMOOTH_V] += ramp[0] * tick * count
-                q1 = _dot(rows, mode, 0, s, inputs)
-                inputs[SMOOTH_V] = _smooth_voltage(q1, real)
-            left -= done
-            if event:
-                for _ in range(4):
-                    if not _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip,
-                                    x_block, kind):
-                        break
-                    mode = mode_index(flags, n, ip)
-                    if not built[mode]:
-                        build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick,
-                                   levels, tables, rows, omegas)
-                        built[mode] = True
-                level = min(top, short[d])
-            else:
-                if flags[F_SLIP] > 0:
-                    q1 = _dot(rows, mode, 0, s, inputs)
-                    if flags[F_DIR] * (q1 - x_block[1]) > 0.0:
-                        x_block[1] = q1
-                if flags[F_FRIC] != 0 and flags[F_FRIC_DIR] * (s[0] - x_block[3]) > 0.0:
-                    x_block[3] = s[0]
-                level = top
-        if not built[mode]:
-            build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-                       tables, rows, omegas)
-            built[mode] = True
-        x_block[2] = _dot(rows, mode, 0, s, inputs)
+                inputs[SMOOTH_V] = _smooth_voltage(_dot(rows, mode, 0, s, inputs, n_in), real)
+                fresh = True
+        x_block[2] = _dot(rows, mode, 0, s, inputs, n_in)
         if not math.isfinite(x_block[2]) or not math.isfinite(s[0]):
             return 1
         row = seg_state[segment]
         if row >= 0:
             for o in range(N_OUTPUTS):
-                out_state[row, o] = _dot(rows, mode, 9 + o, s, inputs)
+                out_state[row, o] = _dot(rows, mode, 9 + o, s, inputs, n_in)
         row = seg_read[segment]
         if row >= 0:
-            out_read[row] = _dot(rows, mode, 9, s, inputs)
+            out_read[row] = _dot(rows, mode, 9, s, inputs, n_in)
     return 0

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant import ideal, kernel
 from piezo_stack_sim.plant.assembly import assemble, System
 from piezo_stack_sim.plant.build import build_model
 from piezo_stack_sim.plant.parameters import Device
@@ -468,34 +468,52 @@ class Plant:
 
 
 class Tables:
-    """Propagators of one system for a few segment lengths, made by the kernel when met."""
+    """Propagators of one system for a few segment lengths; the general ones made when met."""
 
     def __init__(self, system: System, durations: Sequence[float]) -> None:
         self.system = system
-        n = system.rates.shape[0]
         self.levels = np.array([max(0, math.ceil(math.log2(d / TICK))) for d in durations])
         self.tick = np.array([d / 2.0 ** level for d, level in zip(durations, self.levels)])
         self.ticks = (2 ** self.levels).astype(np.int64)
-        quarter = 1.3 / system.omega_max
-        self.short = np.array([max(0, min(int(level), math.floor(math.log2(quarter / tick))
-                                          if quarter > tick else 0))
-                               for level, tick in zip(self.levels, self.tick)])
+        # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
+        self.short = np.array([min(level, max(0, math.floor(math.log2(1.3 / system.omega_max / tick))))
+                               for level, tick in zip(self.levels.tolist(), self.tick)])
+        if system.is_ideal:
+            self._prepare_ideal()
+        else:
+            self._prepare_general(len(durations))
+
+    def _prepare_ideal(self) -> None:
+        system = self.system
+        real = system.real
+        voltage_driven = bool(system.ints[kernel.I_DRIVE] == kernel.VOLTAGE)
+        clamped = bool(system.ints[kernel.I_CLAMPED])
+        ratio, cap = real[kernel.R_T], real[kernel.R_C]
+        constants = ideal.mode_constants(
+            system.k, ratio, cap, real[kernel.R_MASS], real[kernel.R_STIFFNESS],
+            real[kernel.R_DAMPING], voltage_driven, clamped, self.tick, self.levels)
+        row = system.reading[0, :6].copy()
+        self._run = ideal.run
+        self._arguments = (system.k, system.v_break, system.r, ratio, cap, voltage_driven,
+                           clamped, *constants, self.tick, self.levels, self.short, row)
+
+    def _prepare_general(self, n_classes: int) -> None:
+        system = self.system
+        n, modes = system.rates.shape[0], system.n_modes
         width = n + kernel.N_INPUTS
-        self.built = np.zeros(system.n_modes, dtype=np.bool_)
-        self.tables = np.zeros((system.n_modes, len(durations), int(self.levels.max()) + 1, n,
-                                width + kernel.N_RAMPS))
-        self.rows = np.zeros((system.n_modes, 9 + kernel.N_OUTPUTS, width))
-        self.omegas = np.zeros(system.n_modes)
+        tables = np.zeros((modes, n_classes, int(self.levels.max()) + 1, n,
+                           width + kernel.N_RAMPS))
+        self._run = kernel.run
+        self._arguments = (
+            system.k, system.v_break, system.r, system.real, system.ints, system.rates,
+            system.opposing, system.reading, self.tick, self.levels, self.short,
+            np.zeros(modes, dtype=np.bool_), tables,
+            np.zeros((modes, 9 + kernel.N_OUTPUTS, width)), np.zeros(modes), np.zeros(modes))
 
     def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
         """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
-        system = self.system
-        failed = kernel.run(
-            seg_class, seg_ticks, u, force, rows, reads, *state, system.k, system.v_break,
-            system.r, system.real, system.ints, system.rates, system.opposing, system.reading,
-            self.tick, self.levels, self.short, self.built, self.tables, self.rows, self.omegas,
-            out, read)
-        if failed:
+        if self._run(seg_class, seg_ticks, u, force, rows, reads, *state, *self._arguments, out,
+                     read):
             raise InputError('the device left the finite numbers; the command, the force or a '
                              'parameter is beyond anything a stack can follow')
 

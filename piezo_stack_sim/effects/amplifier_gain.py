@@ -1,0 +1,22 @@
+"""
+Static gain and offset of the driver: v = (1 + gain_error) u + offset.
+
+EFFECTS.md 2A D3.  Everything behind the driver scales, voltage included.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, gain_error, offset):
+    """Scale and shift the command."""
+    model.map_command(lambda command: (1.0 + gain_error) * command + offset)
+
+
+EFFECT = Effect(
+    'amplifier_gain', 'drive',
+    'The driver multiplies the command by a slightly wrong number and adds an offset.',
+    (
+        Parameter('gain_error', '1', 0.0, -0.2, 0.2, 0.01, 'relative error of the gain'),
+        Parameter('offset', 'V', 0.0, -5.0, 5.0, 0.05, 'voltage at zero command'),
+    ),
+    apply, channels=('voltage', 'charge', 'displacement'))

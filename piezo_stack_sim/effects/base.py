@@ -1,0 +1,71 @@
+"""What an effect is: a name, a block, parameters, and its piece of the dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+BLOCKS = ('drive', 'electrical', 'transducer', 'mechanical', 'environment', 'sensor')
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    One number of an effect.
+
+    ``neutral`` is the value at which the effect is absent, ``typical`` one that
+    a catalogue-class set-up shows; ``scale`` tells an optimiser whether to walk
+    the number in proportion (``log``, never through zero) or in equal steps
+    (``linear``).  ``magnitude`` marks the parameter that says how strong the
+    effect is; the others shape it and have a sensible default of their own.
+    """
+
+    name: str
+    unit: str
+    neutral: float
+    lower: float
+    upper: float
+    typical: float
+    description: str
+    scale: str = 'linear'
+    magnitude: bool = True
+    default: float | None = None
+    runtime: bool = True
+
+    @property
+    def start(self) -> float:
+        """The value of a parameter that a file does not give."""
+        return self.neutral if self.default is None else self.default
+
+
+@dataclass(frozen=True)
+class Effect:
+    """
+    One physical effect that the ideal stack lacks.
+
+    ``apply(model, **values)`` adds the effect to a
+    :class:`piezo_stack_sim.plant.assembly.Model`, with every parameter by name.
+    ``channels`` are the measured channels it moves under voltage drive.
+    """
+
+    id: str
+    block: str
+    summary: str
+    parameters: tuple[Parameter, ...]
+    apply: Callable
+    channels: tuple[str, ...] = ('displacement',)
+
+    def values(self, given: dict[str, float]) -> dict[str, float]:
+        """Return every parameter: the given ones, defaults for the rest."""
+        return {parameter.name: float(given.get(parameter.name, parameter.start))
+                for parameter in self.parameters}
+
+    def is_neutral(self, given: dict[str, float]) -> bool:
+        """Tell whether these values leave the ideal stack as it is."""
+        values = self.values(given)
+        return all(values[parameter.name] == parameter.neutral
+                   for parameter in self.parameters if parameter.magnitude)
+
+    def typical(self) -> dict[str, float]:
+        """Return the values of a catalogue-class set-up."""
+        return {parameter.name: parameter.typical for parameter in self.parameters}

@@ -1,0 +1,49 @@
+"""
+Slow polarisation of the ceramic: charge and displacement creep together.
+
+Maxwell dashpot branches in series with the Maxwell capacitor's voltage, one per
+decade of time (EFFECTS.md 2A E1 (c), after Croft and Devasia 2001 and Kuhnen
+2003), with g_i the part of the charge that branch i has forgotten:
+
+    v_creep = sum_i K_c (q - g_i) - K_c N_ref q,     dg_i/dt = (q - g_i) / tau_i
+
+N_ref is the number of branches slower than ``reference_time``: a curve taken in
+about that time is the nominal one.  One decade then creeps by
+gamma = K_c / (dv/dq) of the charge, with dv/dq the large-signal stiffness.
+"""
+
+import math
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+SHORTEST = 1e-3  # s; six decades
+LONGEST = 1e3  # s
+
+
+def apply(model, gain_per_decade, reference_time):
+    """Add one branch per decade of time."""
+    # The stiffness of the elements that stick at large signals (Eq. 18).
+    large = float(model.maxwell_k[-1])
+    k_c = gain_per_decade * large
+    count = round(math.log10(LONGEST / SHORTEST)) + 1
+    slower = 0
+    for i in range(count):
+        tau = SHORTEST * 10.0 ** i
+        name = f'creep_{i}'
+        model.add_state(name, {'charge': 1.0 / tau, name: -1.0 / tau})
+        model.add_opposing_voltage({'charge': k_c, name: -k_c})
+        slower += tau > reference_time
+    model.add_opposing_voltage({'charge': -k_c * slower})
+
+
+EFFECT = Effect(
+    'creep', 'electrical',
+    'Charge and displacement go on growing with the logarithm of time after a change.',
+    (
+        Parameter('gain_per_decade', '1', 0.0, -0.005, 0.08, 0.015,
+                  'part of the large-signal stroke that is added in each decade of time'),
+        Parameter('reference_time', 's', 0.1, 1e-3, 10.0, 0.1,
+                  'time after which the nominal curve holds', scale='log', magnitude=False,
+                  default=0.1, runtime=False),
+    ),
+    apply, channels=('charge', 'displacement'))

@@ -1,0 +1,322 @@
+"""
+The ideal stack (Eqs. 11 to 17) as a kernel of its own, for speed.
+
+With no more than displacement and velocity as states, a mode is one damped
+oscillator about its equilibrium.  Two facts make a row cost tens of
+nanoseconds: its propagator is a 2x2 matrix, and its energy never grows, which
+bounds the charge for the rest of a held command while everything sticks.
+Whatever needs more than that runs in :mod:`piezo_stack_sim.plant.kernel`; the
+tests hold the two against each other.
+"""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from piezo_stack_sim.plant.cubic import crossing, hermite, turning
+from piezo_stack_sim.plant.kernel import (
+    A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, MAX_EVENTS, U)
+
+# Constants of a mode, one row for each number of slipping elements.
+C_K, C_SPRING, C_GAIN, C_DQ_DX, C_DQ_DU, C_OMEGA = range(6)
+
+_jit = njit(cache=True, nogil=True, error_model='numpy')
+
+
+@_jit
+def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clamped, ticks,
+                   levels):
+    """
+    Return the constants and propagators of every mode.
+
+    Parameters
+    ----------
+    k : numpy.ndarray, shape (n,)
+        Stiffness of the Maxwell elements (V/C).
+    ratio, cap, mass, stiffness, damping : float
+        T, C, m, k, b of Table 1.
+    voltage_driven, clamped : bool
+        Drive, and whether the moving end is held.
+    ticks : numpy.ndarray, shape (d,)
+        Tick of every segment class (s).
+    levels : numpy.ndarray, shape (d,)
+        The propagators are made for 1, 2, 4, ... 2**level ticks.
+
+    Returns
+    -------
+    constants : numpy.ndarray, shape (n+1, 6)
+        Per number of slipping elements: elastance (V/C), spring (N/m), force
+        per source volt (N/V) or coulomb, dq/dx (C/m), dq/du (F), natural
+        frequency (rad/s).
+    propagators : numpy.ndarray, shape (n+1, d, max(levels)+1, 4)
+        Rows of the 2x2 matrices about the equilibrium.
+
+    """
+    n = k.size
+    constants = np.zeros((n + 1, 6))
+    propagators = np.zeros((n + 1, ticks.size, levels.max() + 1, 4))
+    big_k = 0.0
+    for slip in range(n, -1, -1):
+        if slip < n:
+            big_k += k[slip]
+        scale = 1.0 / (1.0 + cap * big_k)
+        constants[slip, C_K] = big_k
+        if voltage_driven:
+            constants[slip, C_SPRING] = stiffness + ratio * ratio * big_k * scale  # Eq. 21
+            constants[slip, C_GAIN] = ratio * scale
+            constants[slip, C_DQ_DX] = ratio * scale
+            constants[slip, C_DQ_DU] = cap * scale
+        else:
+            constants[slip, C_SPRING] = stiffness + ratio * ratio / cap  # Eq. 20
+            constants[slip, C_GAIN] = ratio / cap
+            constants[slip, C_DQ_DU] = 1.0
+        spring = constants[slip, C_SPRING]
+        constants[slip, C_OMEGA] = math.sqrt(spring / mass)
+        for d in range(ticks.size):
+            # The propagator of one tick by its series; a tick is short against the motion.
+            h = ticks[d]
+            a11, a12 = 0.0, h
+            a21, a22 = -spring / mass * h, -damping / mass * h
+            scaling = 0
+            while abs(a21 * a12) > 0.01 or abs(a22) > 0.1:
+                a12 *= 0.5
+                a21 *= 0.5
+                a22 *= 0.5
+                scaling += 1
+            e11, e12, e21, e22 = 1.0, 0.0, 0.0, 1.0
+            t11, t12, t21, t22 = 1.0, 0.0, 0.0, 1.0
+            for order in range(1, 14):
+                n11 = (t11 * a11 + t12 * a21) / order
+                n12 = (t11 * a12 + t12 * a22) / order
+                n21 = (t21 * a11 + t22 * a21) / order
+                n22 = (t21 * a12 + t22 * a22) / order
+                t11, t12, t21, t22 = n11, n12, n21, n22
+                e11 += t11
+                e12 += t12
+                e21 += t21
+                e22 += t22
+            for level in range(-scaling, levels[d] + 1):
+                if level >= 0:
+                    propagators[slip, d, level, 0] = 1.0 if clamped else e11
+                    propagators[slip, d, level, 1] = 0.0 if clamped else e12
+                    propagators[slip, d, level, 2] = 0.0 if clamped else e21
+                    propagators[slip, d, level, 3] = 0.0 if clamped else e22
+                n11 = e11 * e11 + e12 * e21
+                n12 = e11 * e12 + e12 * e22
+                n21 = e21 * e11 + e22 * e21
+                n22 = e21 * e12 + e22 * e22
+                e11, e12, e21, e22 = n11, n12, n21, n22
+    return constants, propagators
+
+
+@_jit
+def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
+        s, p, flags, inputs, memory, k, v_break, r, ratio, cap, voltage_driven, clamped,
+        constants, propagators, ticks, levels, short, row, out_state, out_read):
+    """
+    Advance the ideal stack over segments of constant command and force.
+
+    The arguments are those of :func:`piezo_stack_sim.plant.kernel.run`, with
+    the constants of :func:`mode_constants` and ``row``, the reading of the
+    displacement over x, w, q, v, u, F.  Returns 0, or 1 if a state left the
+    finite numbers.
+    """
+    n = k.size
+    x = s[0]
+    w = s[1]
+    far = memory[1]
+    q = memory[2]
+    slip = flags[F_SLIP]
+    direction = flags[F_DIR]
+    u = inputs[U]
+    force = inputs[FORCE]
+    a = inputs[A_RC]
+    slope_cap = cap if voltage_driven else 0.0
+    failed = 0
+    for segment in range(seg_class.size):
+        d = seg_class[segment]
+        left = seg_ticks[segment]
+        if u != seg_u[segment] or force != seg_force[segment]:
+            u = seg_u[segment]
+            force = seg_force[segment]
+            # Eqs. 11 and 12: walk q to where q + C v_rc(q) = T x + C u.
+            target = ratio * x + cap * u if voltage_driven else u
+            big_k = constants[slip, C_K]
+            miss = target - (q + slope_cap * (a + big_k * q))
+            if abs(miss) > 1e-18:
+                new_direction = 1 if miss > 0.0 else -1
+                if slip > 0 and new_direction != direction:
+                    a = 0.0
+                    for i in range(slip):
+                        p[i] = q - direction * r[i]
+                    for i in range(n):
+                        a -= k[i] * p[i]
+                    slip = 0
+                direction = new_direction
+                while slip < n:
+                    edge = p[slip] + direction * r[slip]
+                    if direction * (q - edge) < 0.0:
+                        at_edge = edge + slope_cap * (a + constants[slip, C_K] * edge)
+                        if direction * (target - at_edge) < 0.0:
+                            break
+                        q = edge
+                    a += direction * v_break[slip] + k[slip] * p[slip]
+                    slip += 1
+                big_k = constants[slip, C_K]
+                q += ((target - (q + slope_cap * (a + big_k * q)))
+                      / (1.0 + slope_cap * big_k))
+            if slip > 0 and voltage_driven and direction * w < 0.0:
+                a = 0.0
+                for i in range(slip):
+                    p[i] = q - direction * r[i]
+                for i in range(n):
+                    a -= k[i] * p[i]
+                slip = 0
+            far = q
+        # The oscillator of this mode about its equilibrium.
+        spring = constants[slip, C_SPRING]
+        free = u - a if voltage_driven else u
+        centre = x if clamped else (constants[slip, C_GAIN] * free + force) / spring
+        dq_dx = constants[slip, C_DQ_DX]
+        q_centre = dq_dx * centre + constants[slip, C_DQ_DU] * free
+        y = x - centre
+        guard = 0
+        while left > 0:
+            if slip == 0 or not voltage_driven or (y == 0.0 and w == 0.0):
+                calm = True
+                if slip == 0 and voltage_driven:
+                    omega = constants[0, C_OMEGA]
+                    swing = dq_dx * math.sqrt(y * y + (w / omega) ** 2)
+                    calm = (q_centre + swing < p[0] + r[0] + CHARGE_TOLERANCE
+                            and q_centre - swing > p[0] - r[0] - CHARGE_TOLERANCE)
+                if calm or guard > MAX_EVENTS:
+                    # Energy never grows: nothing can happen up to the end of the segment.
+                    level = levels[d]
+                    while left > 0:
+                        while (1 << level) > left:
+                            level -= 1
+                        e = propagators[slip, d, level]
+                        y, w = e[0] * y + e[1] * w, e[2] * y + e[3] * w
+                        left -= 1 << level
+                    break
+            level = short[d]
+            while (1 << level) > left:
+                level -= 1
+            count = 1 << level
+            e = propagators[slip, d, level]
+            y1 = e[0] * y + e[1] * w
+            w1 = e[2] * y + e[3] * w
+            # Where in this sub-step does the displacement turn, if it does?
+            part = 2.0
+            h = count * ticks[d]
+            if w * w1 < 0.0:
+                part = turning(y, w * h, y1, w1 * h)
+            edge_at = 2.0
+            if slip > 0:
+                turned = direction * w1 < 0.0
+                if turned and not direction * w > 0.0:
+                    part = 0.0
+                edge = 0.0
+                over = False
+                if slip < n and part > 0.0:
+                    edge = (p[slip] + direction * (r[slip] + CHARGE_TOLERANCE) - q_centre) / dq_dx
+                    over = direction * (y1 - edge) > 0.0
+                    if turned and part < 1.0:
+                        over = direction * (hermite(part, y, w * h, y1, w1 * h) - edge) > 0.0
+                if over:
+                    edge_at = crossing(edge, y, w * h, y1, w1 * h, min(part, 1.0))
+                if not over and not turned:
+                    y = y1
+                    w = w1
+                    left -= count
+                    continue
+            else:
+                high = (p[0] + r[0] + CHARGE_TOLERANCE - q_centre) / dq_dx
+                low = (p[0] - r[0] - CHARGE_TOLERANCE - q_centre) / dq_dx
+                upto = 1.0
+                peak = y1
+                if part < 1.0:
+                    peak = hermite(part, y, w * h, y1, w1 * h)
+                    upto = part
+                    if not (peak > high or peak < low):
+                        peak = y1
+                        upto = 1.0
+                if peak > high or peak < low:
+                    edge_at = crossing(high if peak > high else low, y, w * h, y1, w1 * h, upto)
+                else:
+                    y = y1
+                    w = w1
+                    left -= count
+                    continue
+            guard += 1
+            done = max(1, int(math.ceil(min(part if slip > 0 else 2.0, edge_at) * count)))
+            if done >= count:
+                done = count
+                y = y1
+                w = w1
+            else:
+                bit = 0
+                while (1 << bit) <= done:
+                    if done & (1 << bit):
+                        e = propagators[slip, d, bit]
+                        y, w = e[0] * y + e[1] * w, e[2] * y + e[3] * w
+                    bit += 1
+            left -= done
+            x = centre + y
+            q = q_centre + dq_dx * y
+            if slip > 0:
+                if direction * w < 0.0:
+                    # The charge turned: every block stays where it is, Eq. 16.
+                    a = 0.0
+                    for i in range(slip):
+                        p[i] = q - direction * r[i]
+                    for i in range(n):
+                        a -= k[i] * p[i]
+                    slip = 0
+            elif q > p[0] + r[0]:
+                direction = 1
+                a += v_break[0] + k[0] * p[0]
+                slip = 1
+            elif q < p[0] - r[0]:
+                direction = -1
+                a += -v_break[0] + k[0] * p[0]
+                slip = 1
+            while slip > 0 and slip < n and direction * (q - p[slip]) > r[slip]:
+                a += direction * v_break[slip] + k[slip] * p[slip]
+                slip += 1
+            spring = constants[slip, C_SPRING]
+            free = u - a
+            centre = (constants[slip, C_GAIN] * free + force) / spring
+            dq_dx = constants[slip, C_DQ_DX]
+            q_centre = dq_dx * centre + constants[slip, C_DQ_DU] * free
+            y = x - centre
+        x = centre + y
+        q = q_centre + dq_dx * y
+        far = q
+        if not math.isfinite(x):
+            failed = 1
+            break
+        v_t = (q - ratio * x) / cap  # Eq. 11
+        v = u if voltage_driven else v_t + a + constants[slip, C_K] * q  # Eq. 12
+        reading = row[0] * x + row[1] * w + row[2] * q + row[3] * v + row[4] * u + row[5] * force
+        index = seg_state[segment]
+        if index >= 0:
+            out_state[index, 0] = reading
+            out_state[index, 1] = w
+            out_state[index, 2] = q
+            out_state[index, 3] = v
+            out_state[index, 4] = ratio * v_t  # Eq. 14
+        index = seg_read[segment]
+        if index >= 0:
+            out_read[index] = reading
+    s[0] = x
+    s[1] = w
+    memory[1] = far
+    memory[2] = q
+    flags[F_SLIP] = slip
+    flags[F_DIR] = direction
+    inputs[U] = u
+    inputs[FORCE] = force
+    inputs[A_RC] = a
+    return failed
