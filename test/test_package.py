@@ -37,8 +37,8 @@ def archives(tmp_path_factory):
         target = source / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes((ROOT / name).read_bytes())
-    code = ('import sys; from setuptools import build_meta as b; '
-            'b.build_sdist(sys.argv[1]); b.build_wheel(sys.argv[1])')
+    code = ('import sys; from setuptools import build_meta; folder = sys.argv[1]; '
+            'build_meta.build_sdist(folder); build_meta.build_wheel(folder)')
     done = subprocess.run([sys.executable, '-c', code, str(folder)], cwd=source,
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
