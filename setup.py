@@ -40,6 +40,7 @@ LINT = [
     'types-PyYAML',
     'types-jsonschema',
 ]
+COLCON = ['colcon-common-extensions']
 # Templates, schemas and styles, beside the modules that use them.
 DATA = ['css', 'html', 'j2', 'js', 'json', 'mplstyle', 'svg']
 
@@ -78,6 +79,7 @@ setup(
         'ros': ROS,
         'test': TEST,
         'lint': LINT,
+        'colcon': COLCON,
         'dask': DASK,
         'all': [*ROS, *DASK],
     },
