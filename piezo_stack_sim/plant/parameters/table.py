@@ -145,7 +145,7 @@ _OPERATION = (
 
 
 def _effect_rows():
-    """Make the rows of every registered effect; without a value an effect is neutral."""
+    """Make the rows of every registered effect; with the defaults an effect is neutral."""
     registry = 'piezo_stack_sim.effects.registry'
     try:
         effects = import_module(registry).EFFECTS
@@ -154,8 +154,9 @@ def _effect_rows():
             raise
         return ()
     return tuple(
-        _row(f'effects.{effect.id}.{parameter.name}', 'double', parameter.unit,
-             parameter.description, default=float(parameter.neutral),
+        _row(f'effects.{effect.id}.{parameter.name}', 'double',
+             '' if parameter.unit == '1' else parameter.unit,
+             parameter.description, default=float(parameter.start),
              bounds=(parameter.lower, parameter.upper), read_only=not parameter.runtime)
         for effect in effects.values()
         for parameter in effect.parameters

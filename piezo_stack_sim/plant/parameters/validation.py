@@ -149,8 +149,8 @@ def _check_number(spec, value, report, name, infinite=False):
     except OverflowError:
         number = math.inf if value > 0 else -math.inf
         infinite = False
-    if infinite and number == math.inf:
-        return number
+    if infinite and number == math.inf or number == spec.default:
+        return number  # the neutral value of an effect may lie outside what the effect can be
     if not math.isfinite(number):
         where = '; only the last element may be .inf' if spec.infinite_last else ''
         report.fail(name, value, expected, f'write a finite number{where}')
