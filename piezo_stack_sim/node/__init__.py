@@ -1,0 +1,1 @@
+"""The virtual device as a ROS 2 node; the only folder, besides the examples, that knows ROS."""

@@ -1,0 +1,181 @@
+"""The command ``piezo_stack_node``: the virtual device, or several of them in one process."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from piezo_stack_sim.errors import InputError
+
+_DESCRIPTION = """\
+A virtual piezoelectric stack actuator with the topics of a real one's driver.
+ROS arguments follow --ros-args: --params-file FILE, -p NAME:=VALUE, -r __ns:=/NAMESPACE."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        raise InputError(f'piezo_stack_node: {message}; see piezo_stack_node --help')
+
+
+def _arguments(own: list[str]) -> argparse.Namespace:
+    parser = _Parser(prog='piezo_stack_node', description=_DESCRIPTION,
+                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--actuator', action='append', default=[], metavar='NAMESPACE=FILE',
+                        help='one device in this namespace with this parameter file; repeat it '
+                             'for several in this process')
+    parser.add_argument('--status', action='store_true',
+                        help='show a line of state in the terminal, once a second')
+    parser.add_argument('--realtime-priority', type=int, metavar='N',
+                        help='run under SCHED_FIFO with this priority, if permitted')
+    parser.add_argument('--lock-memory', action='store_true',
+                        help='keep memory from being swapped out, if permitted')
+    parser.add_argument('--executor', choices=('auto', 'events', 'single'), default='auto',
+                        help='which rclpy executor; auto: the faster one that there is')
+    return parser.parse_args(own)
+
+
+def _actuators(rows: list[str]) -> list[tuple[str, str]]:
+    """Split NAMESPACE=FILE; no row means one device in the default namespace."""
+    pairs = []
+    for row in rows:
+        namespace, equals, file = row.partition('=')
+        if not equals or not file:
+            raise InputError(f'--actuator {row}: expected NAMESPACE=FILE, such as left=left.yaml')
+        pairs.append((namespace, file))
+    names = [name.strip('/') for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f'--actuator {name}=...: expected different namespaces; this one '
+                             'is given twice')
+    return pairs
+
+
+def _parameter_files(arguments: list[str]) -> tuple[list[str], bool]:
+    """Return the parameter files among ROS arguments, and whether nothing else sets any."""
+    files = [arguments[i + 1] for i, argument in enumerate(arguments[:-1])
+             if argument == '--params-file']
+    return files, not {'-p', '--param'}.intersection(arguments)
+
+
+def _one_line(error: BaseException) -> str:
+    return ' '.join(str(error).split())
+
+
+def _reason(error: BaseException, files: list[str]) -> InputError:
+    """Put into words why ROS did not like its arguments: most likely a parameter file."""
+    from piezo_stack_sim.plant.parameters import load_device
+    for file in files:
+        load_device(file)
+    text = _one_line(error)
+    if 'same type' in text:
+        text += '; ROS wants all numbers of a list with a decimal point, or none'
+    return InputError(f'{", ".join(files) or "ROS arguments"}: {text}')
+
+
+def _warm_up(device) -> None:
+    """Meet everything that is compiled or loaded when first used, before a tick has to."""
+    from piezo_stack_sim.plant import Plant
+    plant = Plant(device)
+    for drive in ('voltage', 'charge', 'open', 'shorted', device.drive):
+        plant.set_drive(drive)
+        plant.hold(0.0)
+        plant.advance(1e-9, 1.0)
+        plant.run([0.0] * 3, [0.0] * 3)
+        plant.sample()
+    plant.restore(plant.state)
+
+
+def _build(options: argparse.Namespace, ros_arguments: list[str]):
+    """Make the nodes."""
+    from piezo_stack_sim.node.actuator_node import ActuatorNode
+    from piezo_stack_sim.node.simulation_clock import SimulationClock
+    from rclpy.exceptions import InvalidNamespaceException
+    clock = SimulationClock()
+    files, bare = _parameter_files(ros_arguments)
+    nodes = []
+    for namespace, file in _actuators(options.actuator) or [('', '')]:
+        own = ['--ros-args', '--params-file', file] if file else None
+        every = files + ([file] if file else [])
+        try:
+            nodes.append(ActuatorNode(clock, namespace, every, bare, own))
+        except InvalidNamespaceException as error:
+            raise InputError(f'--actuator {namespace}=...: {_one_line(error)}') from None
+        except RuntimeError as error:
+            raise _reason(error, every) from None
+    return nodes
+
+
+def run(arguments: list[str]) -> None:
+    """
+    Run the node with these arguments until SIGINT or SIGTERM.
+
+    Raises
+    ------
+    InputError
+        If an argument or a parameter is wrong.
+
+    """
+    began = time.monotonic()
+    import rclpy
+    from rclpy.utilities import remove_ros_args
+    options = _arguments(remove_ros_args(['piezo_stack_node', *arguments])[1:])
+    try:
+        rclpy.init(args=arguments)
+    except Exception as error:  # noqa: B902 rcl raises several kinds, all about its arguments
+        raise _reason(error, _parameter_files(arguments)[0]) from None
+    nodes = []
+    try:
+        nodes = _build(options, arguments)
+        _serve(nodes, options, began)
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _serve(nodes, options: argparse.Namespace, began: float) -> None:
+    from piezo_stack_sim.node import realtime
+    from piezo_stack_sim.node.loop import Loop, make_executor
+    log = nodes[0].get_logger()
+    for node in nodes:
+        _warm_up(node.plant.device)
+    realtime.sharpen_timers()
+    if options.realtime_priority is not None:
+        _warn(log, realtime.set_priority(options.realtime_priority))
+    if options.lock_memory:
+        _warn(log, realtime.lock_memory())
+    executor = make_executor(options.executor)
+    loop = Loop(nodes, executor, options.status)
+    realtime.quiet_collector()
+    for node in nodes:
+        device = node.plant.device
+        node.get_logger().info(
+            f'ready: {device.actuator.model}, drive {device.drive}, '
+            f'{"lockstep" if node.lockstep else "wall time"} at {device.rate:g} Hz, '
+            f'{type(executor).__name__}, after {time.monotonic() - began:.1f} s')
+    try:
+        loop.run()
+    finally:
+        executor.shutdown()
+
+
+def _warn(log, trouble: str | None) -> None:
+    if trouble:
+        log.warning(trouble)
+
+
+def main() -> int:
+    """Run the command; 0 after SIGINT or SIGTERM, 2 if an argument or a parameter is wrong."""
+    try:
+        run(sys.argv[1:])
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:  # before the node was ready
+        pass
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
