@@ -13,3 +13,8 @@ map_option = click.option(
     '--map', 'maps', multiple=True, metavar='CHANNEL=NAME',
     help='Column or topic field of a channel, such as '
          'displacement=/stage/joint_states.position[0]. May be given several times.')
+
+unit_option = click.option(
+    '--unit', 'units', multiple=True, metavar='CHANNEL=UNIT',
+    help='Unit in which a channel was recorded, such as displacement=um. '
+         'May be given several times.')

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from piezo_stack_sim.commands.options import map_option, out_folder_option, params_option
+from piezo_stack_sim.commands.options import (
+    map_option, out_folder_option, params_option, unit_option)
 from piezo_stack_sim.errors import InputError
 
 
@@ -14,10 +15,11 @@ from piezo_stack_sim.errors import InputError
 @params_option
 @out_folder_option
 @map_option
+@unit_option
 @click.option('--noise', is_flag=True, help='Add the sensor noise of the parameter file.')
 @click.option('--seed', type=int, default=None,
               help='Seed of the noise instead of the one in the parameter file.')
-def command(recordings, params, out, maps, noise, seed):
+def command(recordings, params, out, maps, units, noise, seed):
     """
     Replay the commands and external forces of SET through the plant.
 
@@ -27,7 +29,6 @@ def command(recordings, params, out, maps, noise, seed):
     """
     from piezo_stack_sim.plant import load_device, simulate
     from piezo_stack_sim.progress import track
-    from piezo_stack_sim.recording.mapping import parse_mapping
     from piezo_stack_sim.recording.read import read_set
     from piezo_stack_sim.recording.write import write_csv_set
 
@@ -35,7 +36,7 @@ def command(recordings, params, out, maps, noise, seed):
         raise InputError(f'--out {out}: expected another folder than SET; '
                          'the recordings would be overwritten')
     device = load_device(params)
-    given = read_set(recordings, mapping=parse_mapping(maps))
+    given = read_set(recordings, mapping=maps, units=units)
     answers = []
     for recording in track(given.recordings, 'Simulating'):
         response = simulate(

@@ -1,0 +1,79 @@
+"""``piezo_stack simulate``: a recording set in, the model's answers out."""
+
+import numpy as np
+from piezo_stack_sim.cli import main
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording.read import read_set
+from piezo_stack_sim.resources import config_file
+import pytest
+
+PARAMS = str(config_file('ae0505d16.yaml'))
+TIME = np.arange(200) / 1000.0
+
+
+def write(path, **columns):
+    """Write a CSV recording."""
+    rows = np.column_stack([TIME, *columns.values()])
+    header = ','.join(['time', *columns])
+    np.savetxt(path, rows, delimiter=',', header=header, comments='', fmt='%.17g')
+
+
+@pytest.fixture
+def recordings(tmp_path):
+    """Return a set with one recording by voltage, with force, and one by charge."""
+    folder = tmp_path / 'set'
+    folder.mkdir()
+    write(folder / 'rise.csv', voltage_command=300.0 * TIME, external_force=-100.0 * TIME)
+    write(folder / 'push.csv', charge_command=5e-4 * TIME)
+    return folder
+
+
+def test_the_set_comes_back_with_what_the_plant_computes(recordings, tmp_path, capsys):
+    assert main(['simulate', str(recordings), '--params', PARAMS,
+                 '--out', str(tmp_path / 'out')]) == 0
+    assert '2 recordings, 400 rows' in capsys.readouterr().out
+    given = {r.name: r for r in read_set(recordings).recordings}
+    answers = {r.name: r for r in read_set(tmp_path / 'out').recordings}
+    assert sorted(answers) == ['push', 'rise']
+    for name, answer in answers.items():
+        asked = given[name]
+        assert np.array_equal(answer.command, asked.command)
+        assert np.array_equal(answer.external_force, asked.external_force)
+        expected = simulate(Device.nominal(), asked.time, asked.command, asked.external_force,
+                            drive=asked.drive)
+        assert answer.measured['displacement'] == pytest.approx(
+            expected.displacement, abs=1e-15)
+        assert answer.measured['charge'] == pytest.approx(expected.charge, abs=1e-15)
+
+
+def test_the_same_seed_gives_the_same_noise(recordings, tmp_path):
+    params = tmp_path / 'noisy.yaml'
+    params.write_text(config_file('ae0505d16.yaml').read_text(encoding='utf-8').replace(
+        'drive: voltage', 'noise: {displacement: 1.0e-9}'), encoding='utf-8')
+
+    def displacement(*options):
+        out = tmp_path / 'out'
+        arguments = ['simulate', str(recordings), '--params', str(params), '--out', str(out)]
+        assert main([*arguments, *options]) == 0
+        return read_set(out).recordings[1].measured['displacement']
+
+    quiet = displacement()
+    first, again, other = (displacement('--noise', '--seed', seed) for seed in '112')
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert np.std(first - quiet) == pytest.approx(1e-9, rel=0.3)
+
+
+@pytest.mark.parametrize('text, words', [
+    ('time,displacement\n0,0\n', ['voltage_command']),
+    ('', ['set.csv']),
+])
+def test_a_set_that_cannot_be_simulated_is_refused_in_one_line(tmp_path, capsys, text, words):
+    path = tmp_path / 'set.csv'
+    path.write_text(text, encoding='utf-8')
+    assert main(['simulate', str(path), '--params', PARAMS, '--out', str(tmp_path / 'o')]) == 2
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert err.count('\n') == 1
+    for word in words:
+        assert word in err
