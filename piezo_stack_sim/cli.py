@@ -141,9 +141,12 @@ def main(argv=None):
 def _fault(error):
     """Word an error that the user's input is not to blame for."""
     if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith(__package__):
-        extra = {'dask': 'dask', 'distributed': 'dask'}.get(str(error.name).split('.')[0], 'ros')
-        return (f'piezo_stack: the Python module {error.name} is not installed; install it, for '
-                f'instance with pip install "piezo_stack_sim[{extra}]"')
+        module = str(error.name).partition('.')[0]
+        extras = {'dask': 'dask', 'distributed': 'dask', 'rclpy': 'ros', 'rcl_interfaces': 'ros',
+                  'rosgraph_msgs': 'ros', 'std_msgs': 'ros', 'std_srvs': 'ros'}
+        package = f'piezo_stack_sim[{extras[module]}]' if module in extras else module
+        return (f'piezo_stack: the Python module {module} is not installed; install it, for '
+                f'instance with pip install "{package}"')
     text = ' '.join(str(error).split())[:300]
     return (f'piezo_stack: internal error: {type(error).__name__}: {text}; '
             'PIEZO_STACK_DEBUG=1 shows where')
