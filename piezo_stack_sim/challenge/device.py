@@ -1,0 +1,84 @@
+"""One device under test: what it is, what is hidden in it, and its noise-free response."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from piezo_stack_sim.challenge.drive import Drive, output, segments
+from piezo_stack_sim.challenge.integrator import LAGGED, RING, run, STATES, TERMINAL
+from piezo_stack_sim.challenge.sensing import measure, Sensing
+from piezo_stack_sim.challenge.stack import Stack
+
+STEP = 2e-6  # s; the 24 kHz resonance gets twenty steps a period, good for a nanometre
+COARSE = 1e-3  # s, in holds
+KEEP = 4e-6  # s, spacing of the trace from which the sensors read
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A device: driver, stack and instruments, and the voltages that it saw before."""
+
+    drive: Drive = field(default_factory=Drive)
+    stack: Stack = field(default_factory=Stack)
+    sensing: Sensing = field(default_factory=Sensing)
+    history: tuple = ()  # V, turning points of a slow voltage before the recording
+
+    def change(self, drive=None, stack=None, sensing=None, history=None):
+        """Return the device with some fields of its parts changed."""
+        return Unit(
+            replace(self.drive, **(drive or {})),
+            self.stack._replace(**(stack or {})),
+            replace(self.sensing, **(sensing or {})),
+            self.history if history is None else tuple(history),
+        )
+
+
+@dataclass(frozen=True)
+class Programme:
+    """What is done to the device in one recording: rows of command (V) and force (N)."""
+
+    name: str
+    time: np.ndarray
+    command: np.ndarray
+    force: np.ndarray
+
+
+def rest(unit):
+    """
+    Return the state after the device's history, at rest under a command of zero.
+
+    The driver is on before the recording begins, so its offset has already been followed.
+
+    """
+    state = np.zeros(STATES + unit.stack.K.size)
+    first = float(output(unit.drive, 0.0, 0.0))
+    path = [0.0]
+    for turn in (*unit.history, first):
+        steps = max(1, int(np.ceil(abs(turn - path[-1]) / 0.25)))
+        path.extend(np.linspace(path[-1], turn, steps + 1)[1:])
+    path = np.array(path)
+    if np.any(path != 0.0):
+        # Slow, and without memory of time: a history is long past.
+        still = unit.stack._replace(creep_per_decade=0.0, mount_exponent=0.0, rate_gain=0.0,
+                                    current_limit=np.inf, heating_gain=0.0)
+        times = 0.01 * np.arange(path.size + 1)
+        run(still, state, times, path, np.zeros(path.size), STEP, 0.01, 1.0, True)
+    state[LAGGED] = state[RING] = state[TERMINAL] = first
+    return state
+
+
+def respond(unit, programme, index=0, step=STEP):
+    """
+    Return the noise-free channels (dict of (n,) arrays, SI) of a device under a programme.
+
+    Displacement and charge are zeroed at the first row.
+
+    """
+    state = rest(unit)
+    edges, sources, forces = segments(unit.drive, programme.time, programme.command,
+                                      programme.force)
+    trace = run(unit.stack, state, edges, sources, forces, step, COARSE, KEEP, False)
+    channels = measure(unit.sensing, trace, programme.time, index)
+    for name in ('displacement', 'charge'):
+        channels[name] = channels[name] - channels[name][0]
+    return channels

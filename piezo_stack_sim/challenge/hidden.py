@@ -1,0 +1,95 @@
+"""What a hidden effect is: a block, a functional form, random magnitudes, and a changed device."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+BLOCKS = ('drive', 'electrical', 'transducer', 'mechanical', 'environment', 'sensor')
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """
+    One effect in the form in which the challenge hides it.
+
+    Attributes
+    ----------
+    id, block : str
+        As in the library where the library has it.
+    form : str
+        The functional form, in words.
+    channels : tuple of str
+        Channels that it can alter.
+    apply : callable
+        ``apply(unit, **parameters) -> Unit``.
+    ranges : dict
+        Parameter name to a function ``(random, context) -> value``.
+    recordings, needs : tuple of str
+        Recordings and measured channels without which it cannot be seen.
+    lookalikes : tuple of str
+        Library effects that explain it as well, for effects that the library does not have.
+
+    """
+
+    id: str
+    block: str
+    form: str
+    channels: tuple
+    apply: object
+    ranges: dict
+    recordings: tuple = ()
+    needs: tuple = ()
+    lookalikes: tuple = ()
+
+    def draw(self, random, context):
+        """Return random parameters, as plain numbers."""
+        return {name: choose(random, context) for name, choose in self.ranges.items()}
+
+
+@dataclass(frozen=True)
+class Context:
+    """What magnitudes scale with: highest commanded voltage (V) and stroke there (m)."""
+
+    top: float
+    stroke: float
+
+
+def register(table, block, form, channels, *, recordings=(), needs=(), lookalikes=(), **ranges):
+    """Return a decorator that enters a function of a device as hidden effect of its name."""
+    def enter(function):
+        name = function.__name__
+        table[name] = Hidden(name, block, form, tuple(channels.split()), function, ranges,
+                             tuple(recordings), tuple(needs), tuple(lookalikes))
+        return function
+    return enter
+
+
+def log(low, high):
+    """Return a log-uniform choice."""
+    return lambda random, context: float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
+def either_sign(low, high):
+    """Return a log-uniform choice with a random sign."""
+    size = log(low, high)
+    return lambda random, context: size(random, context) * float(random.choice([-1.0, 1.0]))
+
+
+def uniform(low, high):
+    """Return a uniform choice."""
+    return lambda random, context: float(random.uniform(low, high))
+
+
+def whole(high):
+    """Return a whole number below `high`, as a seed."""
+    return lambda random, context: int(random.integers(high))
+
+
+def of_top(low, high):
+    """Return a uniform share of the highest commanded voltage."""
+    return lambda random, context: float(random.uniform(low, high) * context.top)
+
+
+def of_stroke(low, high):
+    """Return a uniform share of the stroke at the highest commanded voltage."""
+    return lambda random, context: float(random.uniform(low, high) * context.stroke)

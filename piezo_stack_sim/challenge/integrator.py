@@ -1,0 +1,247 @@
+"""
+Small fixed steps through the equations of the stack: no events, no modes, no closed forms.
+
+Motion is velocity Verlet with an implicit damper. In long holds, once nothing moves any more,
+coarse steps of the static equilibrium take over.
+
+"""
+
+from numba import njit
+import numpy as np
+
+from piezo_stack_sim.challenge.memory import (
+    CAPACITY, forget, logarithmic_growth, power_law_decay, remember,
+)
+from piezo_stack_sim.challenge.physics import (
+    bristle_after, charge_step, equilibrium, mechanical_force, output_drop, slip,
+)
+
+#: Layout of the state vector; three hung bodies take three places each, the Maxwell voltages
+#: follow at the end.
+(Q, X, SPEED, TERMINAL, BRISTLE, HEAT, CURRENT, RELAY, RELAY_GOAL, LAGGED, RING, RING_RATE, BODY,
+ BODY_SPEED, STATES) = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 18)
+
+#: Motion slower than this (m/s) is a hold: at 20 kHz it is an amplitude of 0.01 nm.
+AT_REST = 1e-6
+#: So long (s) must everything have been slower before coarse steps begin; longer when bodies
+#: swing, whose speed is small for a while at every reversal.
+SETTLING = 4e-4
+SETTLING_WITH_BODIES = 3e-3
+#: A change of the source below this (V) does not end a hold: a drift, not a command.
+DRIFT = 2e-3
+#: Interval at which slow memories are brought up to date (s).
+MEMORY_INTERVAL = 2e-5
+
+
+@njit(cache=True)
+def amplify(p, state, source, h):
+    """Advance the amplifier's own dynamics: a lag, then an output filter that may ring."""
+    state[LAGGED] = source + (state[LAGGED] - source) * (
+        np.exp(-h / p.amplifier_lag) if p.amplifier_lag > 0.0 else 0.0)
+    if p.ringing_frequency > 0.0:
+        omega = 2.0 * np.pi * p.ringing_frequency
+        state[RING_RATE] += h * (omega ** 2 * (state[LAGGED] - state[RING])
+                                 - 2.0 * p.ringing_damping * omega * state[RING_RATE])
+        state[RING] += h * state[RING_RATE]
+    else:
+        state[RING] = state[LAGGED]
+
+
+@njit(cache=True)
+def pull_of_bodies(p, state, x):
+    """Return the force of the hung bodies on the moving end, without the damper's share of it."""
+    total = 0.0
+    for i in range(p.body_mass.size):
+        total += (p.body_stiffness[i] * (state[BODY + i] - x)
+                  + p.body_damping[i] * state[BODY_SPEED + i])
+    return total
+
+
+@njit(cache=True)
+def swing_bodies(p, state, h):
+    """Advance the hung bodies by one semi-implicit step."""
+    for i in range(p.body_mass.size):
+        if p.body_mass[i] > 0.0:
+            push = (p.body_stiffness[i] * (state[X] - state[BODY + i])
+                    + p.body_damping[i] * (state[SPEED] - state[BODY_SPEED + i]))
+            state[BODY_SPEED + i] += h * push / p.body_mass[i]
+            state[BODY + i] += h * state[BODY_SPEED + i]
+
+
+@njit(cache=True)
+def slow_states(p, state, dq, h):
+    """Advance what follows the current slowly: filtered current and the heat it leaves."""
+    state[CURRENT] += (abs(dq) / h - state[CURRENT]) * (1.0 - np.exp(-h / p.rate_memory))
+    power = (state[CURRENT] / p.heating_current) ** 2
+    state[HEAT] += (power - state[HEAT]) * (1.0 - np.exp(-h / p.heating_time))
+
+
+@njit(cache=True)
+def relay_charge(p, state, h):
+    """Return the charge that the domain wall moves in this step."""
+    if state[TERMINAL] > p.relay_on:
+        state[RELAY_GOAL] = 1.0
+    elif state[TERMINAL] < p.relay_off:
+        state[RELAY_GOAL] = 0.0
+    moved = (state[RELAY_GOAL] - state[RELAY]) * (1.0 - np.exp(-h / p.relay_time))
+    state[RELAY] += moved
+    return p.relay_charge * moved
+
+
+@njit(cache=True)
+def at_rest(state, source):
+    """Tell whether nothing moves any more that the small steps are for."""
+    if abs(state[RING] - source) > 1e-5 or abs(state[SPEED]) > AT_REST:
+        return False
+    return np.abs(state[BODY_SPEED:STATES]).max() < AT_REST
+
+
+@njit(cache=True)
+def save(out, row, now, state, force):
+    """Write one row of the trace."""
+    out[0, row] = now
+    out[1, row] = state[TERMINAL]
+    out[2, row] = state[Q]
+    out[3, row] = state[X]
+    out[4, row] = force
+
+
+@njit(cache=True)
+def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
+    """
+    Integrate over segments of constant source voltage and force.
+
+    Parameters
+    ----------
+    p : Stack
+    state : (STATES + n,) array
+        Changed in place to the state at the end; see the layout above.
+    starts : (s + 1,) array
+        Times of the segment boundaries in s.
+    sources, forces : (s,) array
+        Open-circuit voltage of the amplifier (V) and external force (N).
+    step, coarse, keep : float
+        Small step, step during holds, and spacing of what is returned, in s.
+    hold_only : bool
+        Take coarse steps only: quasi-static.
+
+    Returns
+    -------
+    (5, r) array
+        Time, terminal voltage, charge, displacement, force; left limits at segment boundaries.
+
+    """
+    z = state[STATES:]
+    out = np.empty((5, 8192))
+    save(out, 0, starts[0], state, 0.0)
+    rows = 1
+    creep_time, creep_amount = np.empty(CAPACITY), np.empty(CAPACITY)
+    mount_time, mount_amount = np.empty(CAPACITY), np.empty(CAPACITY)
+    creep_count = mount_count = 0
+    creep_rate = relaxation_rate = relaxed = crept = 0.0
+    fast_before, x_before = state[Q], state[X]
+    memory_due = starts[0]
+    creeping, relaxing = p.creep_per_decade != 0.0, p.mount_exponent > 0.0
+    viscosity = p.b + p.body_damping.sum()
+    calm = hold_only
+    still = unsaved = acceleration = 0.0
+    settling = SETTLING_WITH_BODIES if p.body_mass.sum() > 0.0 else SETTLING
+
+    for j in range(sources.size):
+        source, force = sources[j], forces[j]
+        now, end = starts[j], starts[j + 1]
+        if j == 0 or abs(source - sources[j - 1]) > DRIFT or force != forces[j - 1]:
+            calm = hold_only
+            still = 0.0
+        fresh = True
+        while now < end:
+            calm = calm or still >= settling
+            remaining = end - now
+            h = remaining / np.ceil(remaining / (coarse if calm else step) - 1e-6)
+
+            # Slow memories move on straight lines between their updates.
+            if now >= memory_due - 1e-12:
+                interval = max(h, MEMORY_INTERVAL)
+                if creeping:
+                    fast = state[Q] - crept
+                    creep_count = remember(creep_time, creep_amount, creep_count, now,
+                                           fast - fast_before, p.creep_onset)
+                    if creep_count % 64 == 0:
+                        creep_count = forget(creep_time, creep_amount, creep_count, now,
+                                             p.creep_onset)
+                    creep_rate = p.creep_per_decade / interval * logarithmic_growth(
+                        creep_time, creep_amount, creep_count, now, interval, p.creep_onset)
+                    fast_before = fast
+                if relaxing:
+                    mount_count = remember(mount_time, mount_amount, mount_count, now,
+                                           state[X] - x_before, p.mount_onset)
+                    if mount_count % 64 == 0:
+                        mount_count = forget(mount_time, mount_amount, mount_count, now,
+                                             p.mount_onset)
+                    relaxation_rate = p.mount_stiffness / interval * power_law_decay(
+                        mount_time, mount_amount, mount_count, now, interval,
+                        p.mount_onset, p.mount_exponent)
+                    x_before = state[X]
+                memory_due = now + interval
+
+            heat = p.heating_gain * state[HEAT]
+            rate_scale = 1.0
+            if p.rate_gain != 0.0:
+                rate_scale += p.rate_gain * np.log(1.0 + state[CURRENT] / p.rate_reference)
+            x = state[X]
+            if calm:
+                state[LAGGED], state[RING], state[RING_RATE] = source, source, 0.0
+            elif fresh:
+                # The source has just jumped: without resistance the charge jumps with it.
+                amplify(p, state, source, 0.0)
+                if p.output_resistance == 0.0:
+                    dq = charge_step(p, z, state[Q], 0.0, x, 0.0, heat, rate_scale, state[RING])
+                    slip(p, z, dq, 0.0, rate_scale)
+                    state[Q] += dq
+                pull = mechanical_force(p, state[Q], x, state[BRISTLE], relaxed, heat, force)
+                acceleration = (pull + pull_of_bodies(p, state, x) - viscosity * state[SPEED]) / p.m
+            fresh = False
+            if not calm:
+                amplify(p, state, source, h)
+            slow = creep_rate * h + (relay_charge(p, state, h) if p.relay_charge != 0.0 else 0.0)
+            relaxed += relaxation_rate * h
+            crept += creep_rate * h
+
+            if calm:
+                dx, dq = equilibrium(p, z, state[Q], x, state[BRISTLE], slow, relaxed, h, heat,
+                                     rate_scale, source, force)
+                speed = dx / h
+                if p.friction_force > 0.0:
+                    state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, speed)
+                for i in range(p.body_mass.size):
+                    if p.body_mass[i] > 0.0:
+                        state[BODY + i], state[BODY_SPEED + i] = x + dx, speed
+            else:
+                dx = h * (state[SPEED] + 0.5 * h * acceleration)
+                dq = charge_step(p, z, state[Q], slow, x + dx, h, heat, rate_scale, state[RING])
+                if p.friction_force > 0.0:
+                    state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, state[SPEED])
+                swing_bodies(p, state, h)
+                pull = (mechanical_force(p, state[Q] + dq, x + dx, state[BRISTLE], relaxed, heat,
+                                         force) + pull_of_bodies(p, state, x + dx))
+                speed = ((state[SPEED] + 0.5 * h * (acceleration + pull / p.m))
+                         / (1.0 + 0.5 * h * viscosity / p.m))
+                acceleration = (pull - viscosity * speed) / p.m
+            slip(p, z, dq, slow, rate_scale)
+            state[Q] += dq
+            state[X], state[SPEED] = x + dx, speed
+            state[TERMINAL] = state[RING] - output_drop(p, dq, h)
+            slow_states(p, state, dq, h)
+
+            now = end if remaining - h < 0.5 * h else now + h
+            still = still + h if at_rest(state, source) else 0.0
+            unsaved += h
+            if unsaved >= keep - 1e-12 or now == end:
+                unsaved = 0.0
+                if rows == out.shape[1]:
+                    larger = np.empty((5, 2 * rows))
+                    larger[:, :rows] = out
+                    out = larger
+                save(out, rows, now, state, force)
+                rows += 1
+    return out[:, :rows].copy()

@@ -1,0 +1,242 @@
+"""
+The effects that the library of the diagnosis has, each in another functional form than there.
+
+Magnitudes run from about the noise floor to large; sources of the forms are named in the effects'
+pages of the documentation.
+
+"""
+
+import numpy as np
+
+from piezo_stack_sim.challenge.hidden import (
+    either_sign, log, of_stroke, of_top, register, uniform, whole,
+)
+
+KNOWN: dict = {}
+
+ALL = 'voltage charge displacement'
+BOTH = 'charge displacement'
+
+
+# -- drive -----------------------------------------------------------------------------------
+
+@register(KNOWN, 'drive', 'the driver samples the command with a clock of its own, then waits',
+          ALL, delay=log(2e-6, 3e-4), share=uniform(0.3, 0.9), phase=uniform(0.0, 1.0))
+def command_delay(unit, delay, share, phase):
+    period = min(share * delay, 6e-5)
+    return unit.change(drive={'clock_period': period, 'clock_phase': phase,
+                              'latency': delay - 0.5 * period})
+
+
+@register(KNOWN, 'drive', 'output resistance into the real, hysteretic load behind a second pole',
+          ALL, time_constant=log(2e-6, 4e-4), inner=uniform(0.1, 0.25))
+def amplifier_bandwidth(unit, time_constant, inner):
+    # 0.8 uF: the large-signal capacitance about which the stack really varies.
+    return unit.change(stack={'output_resistance': (1.0 - inner) * time_constant / 0.8e-6,
+                              'amplifier_lag': inner * time_constant})
+
+
+@register(KNOWN, 'drive', 'output impedance that diverges softly towards the limit (atanh)',
+          ALL, limit=log(6e-3, 0.15))
+def amplifier_current_limit(unit, limit):
+    return unit.change(stack={'current_limit': limit,
+                              'output_resistance': max(2.0, unit.stack.output_resistance)})
+
+
+@register(KNOWN, 'drive', 'gain and offset error with a slight curvature', ALL,
+          gain_error=either_sign(5e-4, 4e-2), offset=either_sign(5e-3, 0.3),
+          curvature=uniform(-0.2, 0.2))
+def amplifier_gain(unit, gain_error, offset, curvature):
+    return unit.change(drive={'gain': 1.0 + gain_error, 'offset': offset,
+                              'curvature': 100.0 * curvature * abs(gain_error)})
+
+
+@register(KNOWN, 'drive', 'soft knee (softplus) at the rail', ALL,
+          rail=of_top(0.7, 1.01), knee=log(0.2, 1.5))
+def amplifier_saturation(unit, rail, knee):
+    return unit.change(drive={'upper_rail': rail, 'knee': knee})
+
+
+# -- electrical ------------------------------------------------------------------------------
+
+@register(KNOWN, 'electrical', 'charge follows the logarithm of time: fading memory of the past',
+          BOTH, per_decade=log(2e-4, 2.5e-2), onset=log(1e-3, 1e-2))
+def creep(unit, per_decade, onset):
+    return unit.change(stack={'creep_per_decade': per_decade, 'creep_onset': onset})
+
+
+@register(KNOWN, 'electrical', 'break voltages that grow with the logarithm of the current', BOTH,
+          growth=log(2e-3, 6e-2), reference=log(1e-3, 5e-3))
+def rate_dependent_hysteresis(unit, growth, reference):
+    return unit.change(stack={'rate_gain': growth, 'rate_reference': reference})
+
+
+@register(KNOWN, 'electrical', 'exponential restoring voltage and unequal branches', BOTH,
+          bow=either_sign(2e-2, 3.0), charge=log(6e-5, 1.5e-4), branch=uniform(0.005, 0.03))
+def asymmetric_hysteresis(unit, bow, charge, branch):
+    # `bow` is the voltage at 130 uC; the branches differ by `branch` per volt of it.
+    full = 1.3e-4
+    shape = charge * (np.exp(full / charge) - 1.0) - full
+    return unit.change(stack={'bow_stiffness': bow / shape, 'bow_charge': charge,
+                              'branch_difference': bow * branch})
+
+
+@register(KNOWN, 'electrical', 'leakage current that grows exponentially with the voltage (sinh)',
+          'charge', needs=('charge',), recordings=('steps',),
+          resistance=log(1e7, 2e10), voltage=log(30.0, 120.0))
+def leakage(unit, resistance, voltage):
+    return unit.change(sensing={'leak_resistance': resistance, 'leak_voltage': voltage})
+
+
+@register(KNOWN, 'electrical', 'remanence of a random sequence of slow voltage swings', BOTH,
+          peak=log(2.0, 100.0), seed=whole(1 << 30))
+def initial_polarisation(unit, peak, seed):
+    random = np.random.default_rng(seed)
+    swings = random.uniform(-0.2, 1.0, random.integers(2, 6)) * peak
+    return unit.change(history=(peak, *swings, 0.0))
+
+
+# -- transducer ------------------------------------------------------------------------------
+
+@register(KNOWN, 'transducer', 'electrostriction from a coupling energy: a force in q^2 and its '
+          'reaction on the voltage', BOTH, share=either_sign(3e-4, 2e-2))
+def transducer_nonlinearity(unit, share):
+    stiffness = unit.stack.k + unit.stack.T ** 2 / unit.stack.C
+    return unit.change(stack={
+        'electrostriction': 2.0 * share * 1.24e-5 * stiffness / 1.33e-4 ** 2})
+
+
+@register(KNOWN, 'transducer', 'direct and converse effect off by unequal amounts', BOTH,
+          error=either_sign(2.5e-2, 0.15), inequality=uniform(-0.15, 0.15))
+def transducer_ratio(unit, error, inequality):
+    return unit.change(stack={'converse_error': error * (1.0 + inequality),
+                              'direct_error': error * (1.0 - inequality)})
+
+
+# -- mechanical ------------------------------------------------------------------------------
+
+@register(KNOWN, 'mechanical', 'a payload on a stiff, lightly damped joint', BOTH,
+          mass=log(5e-4, 0.1), joint_frequency=uniform(4.5e4, 6.5e4))
+def added_mass(unit, mass, joint_frequency):
+    reduced = mass * unit.stack.m / (mass + unit.stack.m)
+    stiffness = reduced * (2.0 * np.pi * joint_frequency) ** 2
+    damping = 0.1 * np.sqrt(stiffness * reduced)
+    return with_bodies(unit, [(0, mass, stiffness, damping)])
+
+
+@register(KNOWN, 'mechanical', 'a joint that closes under load: deflection grows with log(force)',
+          'displacement', recordings=('force',), stiffness=log(2e7, 2e10), load=log(40.0, 200.0))
+def series_compliance(unit, stiffness, load):
+    return unit.change(sensing={'joint_stiffness': stiffness, 'joint_force': load})
+
+
+@register(KNOWN, 'mechanical', 'a progressive spring (quadratic share)', BOTH,
+          stiffness=log(1.5e4, 1.5e7), length=log(4e-5, 1.5e-4))
+def parallel_stiffness(unit, stiffness, length):
+    return unit.change(stack={'spring_stiffness': stiffness, 'spring_length': length})
+
+
+@register(KNOWN, 'mechanical', 'restoring force with an even or a fifth power', BOTH,
+          force=log(0.05, 60.0), fifth=uniform(0.0, 1.0))
+def stiffness_hardening(unit, force, fifth):
+    return unit.change(stack={'hardening_force': force,
+                              'hardening_power': 5.0 if fifth > 0.4 else 2.0})
+
+
+@register(KNOWN, 'mechanical', 'LuGre bristles with a Stribeck curve', BOTH,
+          force=log(0.02, 15.0), breakaway=uniform(1.1, 1.5), speed=log(2e-4, 2e-3),
+          stiffness=log(5e7, 2e8))
+def friction(unit, force, breakaway, speed, stiffness):
+    return unit.change(stack={'friction_force': force, 'friction_breakaway': breakaway,
+                              'friction_speed': speed, 'friction_stiffness': stiffness})
+
+
+@register(KNOWN, 'mechanical', 'two modes of the structure that hang on the moving end', BOTH,
+          mass=log(4e-3, 0.1), frequency=log(700.0, 6e3), spread=uniform(1.4, 2.5),
+          second=uniform(0.15, 0.4), damping=log(0.01, 0.06))
+def mechanical_resonance(unit, mass, frequency, spread, second, damping):
+    bodies = []
+    for slot, part, tone in ((1, 1.0 - second, frequency), (2, second, spread * frequency)):
+        stiffness = part * mass * (2.0 * np.pi * tone) ** 2
+        bodies.append((slot, part * mass, stiffness,
+                       2.0 * damping * np.sqrt(stiffness * part * mass)))
+    return with_bodies(unit, bodies)
+
+
+def with_bodies(unit, bodies):
+    """Hang bodies (slot, kg, N/m, N s/m) on the moving end."""
+    mass, stiffness, damping = (unit.stack.body_mass.copy(), unit.stack.body_stiffness.copy(),
+                                unit.stack.body_damping.copy())
+    for slot, *values in bodies:
+        mass[slot], stiffness[slot], damping[slot] = values
+    return unit.change(stack={'body_mass': mass, 'body_stiffness': stiffness,
+                              'body_damping': damping})
+
+
+@register(KNOWN, 'mechanical', 'Hertzian contact: force in the 3/2 power of the indentation', BOTH,
+          gap=of_stroke(0.3, 0.95), force=log(0.3, 200.0))
+def contact(unit, gap, force):
+    # `force` is that at an indentation of one micrometre.
+    return unit.change(stack={'hertz_gap': gap, 'hertz_stiffness': force * 1e9})
+
+
+@register(KNOWN, 'mechanical', 'a polymer mount that relaxes with a power law of time', BOTH,
+          stiffness=log(3e4, 8e6), exponent=log(0.05, 0.25), onset=log(1e-3, 5e-3))
+def mount_creep(unit, stiffness, exponent, onset):
+    return unit.change(stack={'mount_stiffness': stiffness, 'mount_exponent': exponent,
+                              'mount_onset': onset})
+
+
+# -- environment -----------------------------------------------------------------------------
+
+@register(KNOWN, 'environment', 'two time constants and a slow swing of the ambient',
+          'displacement', recordings=('steps',),
+          size=either_sign(2e-9, 1e-6), time_constant=log(2.0, 15.0), share=uniform(0.15, 0.4),
+          swing=uniform(0.05, 0.15))
+def thermal_drift(unit, size, time_constant, share, swing):
+    return unit.change(sensing={'warming': size, 'warming_time': time_constant,
+                                'warming_share': share, 'swing': swing * size})
+
+
+@register(KNOWN, 'environment', 'a tone with its second harmonic, not always synchronised',
+          'displacement', size=log(5e-10, 1e-7), frequency=log(15.0, 400.0),
+          harmonic=uniform(0.1, 0.4), free=uniform(0.0, 1.0), seed=whole(1 << 30))
+def periodic_disturbance(unit, size, frequency, harmonic, free, seed):
+    return unit.change(sensing={'vibration': size, 'vibration_frequency': frequency,
+                                'vibration_harmonic': harmonic, 'seed': seed,
+                                'vibration_free_running': free < 0.5})
+
+
+# -- sensor ----------------------------------------------------------------------------------
+
+@register(KNOWN, 'sensor', 'two real poles', 'displacement', time_constant=log(1e-6, 4e-4),
+          second=uniform(0.15, 0.3))
+def sensor_lag(unit, time_constant, second):
+    return unit.change(sensing={'lag': (1.0 - second) * time_constant,
+                                'second_lag': second * time_constant})
+
+
+@register(KNOWN, 'sensor', 'a converter with its own clock that shows its last finished reading',
+          'displacement', delay=log(1e-6, 3e-4), share=uniform(0.3, 0.9))
+def sensor_delay(unit, delay, share):
+    period = min(share * delay, 4e-5)
+    return unit.change(sensing={'conversion_period': period,
+                                'conversion_latency': delay - 0.5 * period})
+
+
+@register(KNOWN, 'sensor', 'a gain error that swings slightly with time', 'displacement',
+          error=either_sign(1e-2, 0.12), swing=uniform(0.02, 0.08))
+def sensor_gain(unit, error, swing):
+    return unit.change(sensing={'gain': 1.0 + error, 'gain_swing': swing * error})
+
+
+@register(KNOWN, 'sensor', 'linearity error of two half waves over the range', 'displacement',
+          size=either_sign(1e-9, 4e-7), length=uniform(1.2e-5, 2e-5))
+def sensor_nonlinearity(unit, size, length):
+    return unit.change(sensing={'bend': size, 'bend_length': length})
+
+
+@register(KNOWN, 'sensor', 'a trend with a random walk', 'displacement', recordings=('steps',),
+          rate=either_sign(1e-10, 4e-8), walk=uniform(0.1, 0.4), seed=whole(1 << 30))
+def sensor_drift(unit, rate, walk, seed):
+    return unit.change(sensing={'drift': rate, 'drift_walk': abs(rate) * walk, 'seed': seed})

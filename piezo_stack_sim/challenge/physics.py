@@ -1,0 +1,150 @@
+"""
+The equations of the stack (paper Eqs. 11-19) and of what a real one adds, as compiled functions.
+
+The charge is the one unknown of the electrical mesh: the root of a monotone function, found anew
+at every step of the integrator. Mechanical forces are functions of the trial displacement.
+
+"""
+
+from numba import njit
+import numpy as np
+
+
+@njit(cache=True)
+def mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale):
+    """
+    Return the voltage that the mesh needs for a charge step `dq`, and its slope (Eqs. 11-18).
+
+    `slow` is the part of `dq` that creeps past the Maxwell elements; ``h = 0`` is a jump.
+
+    """
+    rising = rate_scale * (1.0 + p.branch_difference)
+    falling = -rate_scale * (1.0 - p.branch_difference)
+    charge = q + dq
+    coupling = p.T * (1.0 + p.direct_error) * (1.0 + heat)
+    voltage = (charge - coupling * x) / p.C - p.electrostriction * charge * x
+    voltage += p.sense_elastance * charge
+    slope = 1.0 / p.C - p.electrostriction * x + p.sense_elastance
+    for i in range(z.size):
+        stretched = z[i] + p.K[i] * (dq - slow)
+        if stretched > p.V[i] * rising:
+            voltage += p.V[i] * rising
+        elif stretched < p.V[i] * falling:
+            voltage += p.V[i] * falling
+        else:
+            voltage += stretched
+            slope += p.K[i]
+    if p.bow_stiffness != 0.0:
+        growth = np.exp(charge / p.bow_charge)
+        voltage += p.bow_stiffness * (p.bow_charge * (growth - 1.0) - charge)
+        slope += p.bow_stiffness * (growth - 1.0)
+    if h > 0.0:
+        voltage += output_drop(p, dq, h)
+        slope += p.output_resistance / h
+        if p.current_limit < np.inf:
+            load = dq / (h * p.current_limit)
+            slope += p.output_resistance / h * load * load / (1.0 - load * load)
+    return voltage, slope
+
+
+@njit(cache=True)
+def output_drop(p, dq, h):
+    """Return the voltage lost in the amplifier's output; it diverges at the current limit."""
+    if p.current_limit < np.inf:
+        load = dq / (h * p.current_limit)
+        return p.output_resistance * p.current_limit * np.arctanh(load)
+    return p.output_resistance * dq / h
+
+
+@njit(cache=True)
+def charge_step(p, z, q, slow, x, h, heat, rate_scale, source):
+    """Return the charge step with which the mesh takes the source voltage: Newton, bracketed."""
+    low, high = -1e-2, 1e-2
+    if h > 0.0 and p.current_limit < np.inf:
+        high = h * p.current_limit * (1.0 - 1e-12)
+        low = -high
+    dq = 0.0
+    for _ in range(100):
+        voltage, slope = mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale)
+        error = voltage - source
+        if error > 0.0:
+            high = dq
+        else:
+            low = dq
+        if abs(error) < 1e-9 or high - low < 1e-19:
+            break
+        guess = dq - error / slope
+        if not low < guess < high:
+            guess = 0.5 * (low + high)
+        dq = guess
+    return dq
+
+
+@njit(cache=True)
+def slip(p, z, dq, slow, rate_scale):
+    """Move the Maxwell elements by a charge step, in place (Eq. 16)."""
+    rising = rate_scale * (1.0 + p.branch_difference)
+    falling = -rate_scale * (1.0 - p.branch_difference)
+    for i in range(z.size):
+        z[i] = min(max(z[i] + p.K[i] * (dq - slow), p.V[i] * falling), p.V[i] * rising)
+
+
+@njit(cache=True)
+def bristle_after(p, bristle, dx, speed):
+    """Return the LuGre bristle deflection after a travel `dx`: its equation solved along dx."""
+    if dx == 0.0:
+        return bristle
+    strength = 1.0 + (p.friction_breakaway - 1.0) * np.exp(-(speed / p.friction_speed) ** 2)
+    limit = p.friction_force * strength / p.friction_stiffness
+    towards = np.sign(dx) * limit
+    return towards + (bristle - towards) * np.exp(-abs(dx) / limit)
+
+
+@njit(cache=True)
+def mechanical_force(p, q, x, bristle, relaxed, heat, force):
+    """Return the force on the moving end (Eqs. 14, 15), without viscosity and hung bodies."""
+    direct = p.T * (1.0 + p.direct_error) * (1.0 + heat)
+    converse = p.T * (1.0 + p.converse_error) * (1.0 + heat)
+    total = converse * (q - direct * x) / p.C + 0.5 * p.electrostriction * q * q
+    total += force - p.k * x
+    if p.spring_stiffness != 0.0:
+        total -= p.spring_stiffness * x * (1.0 + abs(x) / p.spring_length)
+    if p.hardening_force != 0.0:
+        ratio = abs(x) / p.hardening_reference
+        total -= np.sign(x) * p.hardening_force * ratio ** p.hardening_power
+    if p.friction_force > 0.0:
+        total -= p.friction_stiffness * bristle
+    if p.hertz_stiffness > 0.0 and x > p.hertz_gap:
+        total -= p.hertz_stiffness * (x - p.hertz_gap) ** 1.5
+    total -= p.mount_stiffness * x - relaxed
+    if p.detent_force != 0.0:
+        total -= p.detent_force * np.sin(2.0 * np.pi * x / p.detent_pitch)
+    return total
+
+
+@njit(cache=True)
+def equilibrium(p, z, q, x, bristle, slow, relaxed, h, heat, rate_scale, source, force):
+    """Return the steps of displacement and charge to where all forces balance: secant method."""
+    stiff = p.k + p.T * p.T / p.C + p.spring_stiffness + p.mount_stiffness + p.b / h
+    if p.friction_force > 0.0:
+        stiff += p.friction_stiffness
+    dx = dq = 0.0
+    last_dx = last_net = 0.0
+    for attempt in range(50):
+        dq = charge_step(p, z, q, slow, x + dx, h, heat, rate_scale, source)
+        deflection = bristle
+        if p.friction_force > 0.0:
+            deflection = bristle_after(p, bristle, dx, dx / h)
+        net = mechanical_force(p, q + dq, x + dx, deflection, relaxed, heat, force)
+        net -= p.b * dx / h
+        slope = stiff
+        if attempt > 0 and dx != last_dx:
+            slope = (last_net - net) / (dx - last_dx)
+            if not slope > 0.01 * stiff:
+                slope = stiff
+        last_dx, last_net = dx, net
+        move = net / slope
+        if abs(move) < 1e-15:
+            break
+        dx += move
+    return dx, dq
