@@ -53,9 +53,10 @@ def smooth(t, start, length):
 def triangle(plan):
     """Two periods at each peak voltage."""
     t = rows(plan.triangle_rate, 2 * len(plan.triangle_peaks) / plan.triangle_frequency)
-    cycle = t * plan.triangle_frequency + 1e-9
-    peak = np.asarray(plan.triangle_peaks)[(cycle / 2).astype(int)]
-    return t, peak * (1.0 - np.abs(2.0 * (cycle % 1.0) - 1.0)), 0.0 * t
+    per_period = int(round(plan.triangle_rate / plan.triangle_frequency))
+    row = np.arange(t.size)
+    peak = np.asarray(plan.triangle_peaks)[row // (2 * per_period)]
+    return t, peak * (1.0 - np.abs(2.0 * (row % per_period) / per_period - 1.0)), 0.0 * t
 
 
 def decay(plan):
