@@ -37,8 +37,13 @@ U, FORCE, A_RC, ONE, A_FRICTION, A_CONTACT, SMOOTH_V, SMOOTH_F = range(8)
 N_INPUTS = 8
 N_RAMPS = 2  # the two smooth inputs may change linearly within a sub-step
 
-# Outputs, in the order of their rows.
-N_OUTPUTS = 5  # reading of displacement, velocity, charge, voltage, transduced force
+# Outputs: reading of displacement, velocity, charge, voltage, transduced force.
+N_OUTPUTS = 5
+
+# What is watched in every state: charge and its derivatives, the second and third
+# derivative of displacement, the rate of charge that the source wants, the outputs.
+W_Q, W_Q1, W_Q2, W_Q3, W_X2, W_X3, W_WANT, W_OUT = range(8)
+N_WATCHED = W_OUT + N_OUTPUTS
 
 # Real parameters of the kernel.
 (R_T, R_C, R_MASS, R_STIFFNESS, R_RESISTANCE, R_INTERNAL, R_LIMIT, R_FRICTION_K,
@@ -64,9 +69,11 @@ DISPLACEMENT_TOLERANCE = 1e-15  # m
 MAX_EVENTS = 100000  # in one segment; a guard, never met by a finite input
 
 _jit = njit(cache=True, nogil=True, error_model='numpy')
+# For what runs at every sub-step: passing a dozen arrays would cost more than the work.
+_inline = njit(cache=True, nogil=True, error_model='numpy', forceinline=True)
 
 
-@_jit
+@_inline
 def mode_index(flags, n, ip):
     """Return the number of the mode in which the device is."""
     index = flags[F_SLIP]
@@ -102,14 +109,15 @@ def _product(a, b, factor):
 
 @_jit
 def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-               tables, rows, omegas, dampings):
+               tables, watch, omegas, dampings):
     """
     Resolve the algebra of one mode and make its propagators.
 
     ``rates`` (N, N+2+8) are the derivatives of the states over extended
     signals, ``opposing`` (2, N+1) the voltage in series with the Maxwell
     capacitor and the charge lost under charge drive, both over states and q, ``reading`` (5, N+2+8) the outputs.
-    Fills ``tables[mode]``, ``rows[mode]``, and the natural frequency ``omegas``
+    Fills ``tables[mode]`` and ``watch[mode]`` (both with the column of the extended
+    state first, so that sums over it run along memory), and the natural frequency ``omegas``
     (rad/s) and decay rate ``dampings`` (1/s) of the moving end in this mode.
     """
     n_states = rates.shape[0]
@@ -204,26 +212,33 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     for ramp in range(N_RAMPS):
         augmented[n_states + SMOOTH_V + ramp, width + ramp] = 1.0
 
-    # Rows watched by the event search: q, q', q'', q''', x, x', x'', x''', wanted rate.
-    for c in range(width):
-        rows[mode, 0, c] = q_row[c]
-        rows[mode, 8, c] = want[c]
-    rows[mode, 4, 0] = 1.0
-    for base in (0, 4):
-        for order in range(1, 4):
+    # Derivatives of charge and displacement while the inputs are held.
+    row = np.empty(width)
+    after = np.empty(width)
+    for base, first, count in ((W_Q, 0, 4), (W_X2 - 2, 2, 4)):
+        for c in range(width):
+            row[c] = q_row[c] if base == W_Q else 0.0
+        if base != W_Q:
+            row[0] = 1.0
+        for order in range(count):
+            if order >= first:
+                for c in range(width):
+                    watch[mode, c, base + order] = row[c]
             for c in range(width):
-                total_c = 0.0
+                after[c] = 0.0
                 for i in range(n_states):
-                    total_c += rows[mode, base + order - 1, i] * augmented[i, c]
-                rows[mode, base + order, c] = total_c
+                    after[c] += row[i] * augmented[i, c]
+            row[:] = after
+    for c in range(width):
+        watch[mode, c, W_WANT] = want[c]
     for o in range(N_OUTPUTS):
         for c in range(n_states):
-            rows[mode, 9 + o, c] = reading[o, c]
+            watch[mode, c, W_OUT + o] = reading[o, c]
         for c in range(N_INPUTS):
-            rows[mode, 9 + o, n_states + c] = reading[o, n_states + 2 + c]
+            watch[mode, n_states + c, W_OUT + o] = reading[o, n_states + 2 + c]
         for c in range(width):
-            rows[mode, 9 + o, c] += (reading[o, n_states] * q_row[c]
-                                     + reading[o, n_states + 1] * v_row[c])
+            watch[mode, c, W_OUT + o] += (reading[o, n_states] * q_row[c]
+                                          + reading[o, n_states + 1] * v_row[c])
 
     spring = real[R_STIFFNESS]
     if iq >= 0 or ip[I_DRIVE] == VOLTAGE:
@@ -258,32 +273,53 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
         for level in range(levels[d] + 1):
             for i in range(n_states):
                 for c in range(size):
-                    tables[mode, d, level, i, c] = e[i, c]
+                    tables[mode, d, level, c, i] = e[i, c]
             if level < levels[d]:
                 e = _product(e, e, 1.0)
 
 
 @_jit
-def _dot(rows, mode, row, s, inputs, n_in):
+def _watched(watch, mode, which, s, inputs, n_in):
+    """Return one watched value."""
     total = 0.0
     n_states = s.size
     for c in range(n_states):
-        total += rows[mode, row, c] * s[c]
+        total += watch[mode, c, which] * s[c]
     for c in range(n_in):
-        total += rows[mode, row, n_states + c] * inputs[c]
+        total += watch[mode, n_states + c, which] * inputs[c]
     return total
 
 
-@_jit
+@_inline
+def _watch(watch, mode, s, inputs, n_in, out):
+    """Compute all watched values of a state."""
+    n_states = s.size
+    for o in range(N_WATCHED):
+        out[o] = 0.0
+    for c in range(n_states):
+        value = s[c]
+        for o in range(N_WATCHED):
+            out[o] += watch[mode, c, o] * value
+    for c in range(n_in):
+        value = inputs[c]
+        for o in range(N_WATCHED):
+            out[o] += watch[mode, n_states + c, o] * value
+
+
+@_inline
 def _propagate(tables, mode, d, level, s, inputs, n_in, out):
+    """Move a state by 2**level ticks with the inputs held."""
     n_states = s.size
     for i in range(n_states):
-        total = 0.0
-        for c in range(n_states):
-            total += tables[mode, d, level, i, c] * s[c]
-        for c in range(n_in):
-            total += tables[mode, d, level, i, n_states + c] * inputs[c]
-        out[i] = total
+        out[i] = 0.0
+    for c in range(n_states):
+        value = s[c]
+        for i in range(n_states):
+            out[i] += tables[mode, d, level, c, i] * value
+    for c in range(n_in):
+        value = inputs[c]
+        for i in range(n_states):
+            out[i] += tables[mode, d, level, n_states + c, i] * value
 
 
 @_jit
@@ -400,7 +436,7 @@ def _offsets(inputs, flags, p, k, v_break, real, ip, x_block):
 
 
 @_jit
-def _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block, turned):
+def _process(now, s, inputs, flags, p, r, k, v_break, real, ip, x_block, turned):
     """
     Switch every port whose condition is met at this instant.
 
@@ -412,10 +448,9 @@ def _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block, 
     """
     n = k.size
     changed = False
-    n_in = ip[I_INPUTS]
-    q = _dot(rows, mode, 0, s, inputs, n_in)
+    q = now[W_Q]
     x_block[2] = q
-    rate = _dot(rows, mode, 1, s, inputs, n_in)
+    rate = now[W_Q1]
     if flags[F_SLIP] > 0:
         direction = flags[F_DIR]
         if direction * (q - x_block[1]) > 0.0:
@@ -468,7 +503,7 @@ def _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block, 
             flags[F_CONTACT] = 0
             changed = True
     if ip[I_LIMITER] != 0:
-        want = _dot(rows, mode, 8, s, inputs, n_in)
+        want = now[W_WANT]
         limit = real[R_LIMIT]
         state = 0
         if want > limit * (1.0 + 1e-9):
@@ -483,7 +518,7 @@ def _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block, 
     return changed
 
 
-@_jit
+@_inline
 def _event_charge(q0, d0, q1, d1, flags, p, r, far, n, reliable):
     """
     Return the part of a sub-step after which the charge first meets an event, or 2.
@@ -588,7 +623,7 @@ def _event_limit(want0, want1, state, limit):
     return min(1.0, max(0.02, part))
 
 
-@_jit
+@_inline
 def _clear(y, d1, d2, d3, omega, damping, length, low, high, exact):
     """
     Tell whether y stays within (low, high) for ``length`` seconds.
@@ -624,32 +659,23 @@ def _monotone(d1, d2, d3, omega, damping, direction):
 
 
 @_jit
-def _calm(mode, rows, omegas, dampings, s, q, d1, inputs, n_in, length, flags, p, r, ip, real,
-          x_block, n):
+def _calm(now, x, w, omega, damping, exact, length, flags, p, r, displaced, real, ip, x_block):
     """Tell whether a sub-step longer than the fast motion may be tried: no hidden event."""
-    omega = omegas[mode]
-    damping = dampings[mode]
-    exact = s.size == 2 and ip[I_SMOOTH] == 0
-    d2 = _dot(rows, mode, 2, s, inputs, n_in)
-    d3 = 0.0 if exact else _dot(rows, mode, 3, s, inputs, n_in)
     if flags[F_SLIP] > 0:
-        if exact or not _monotone(d1, d2, d3, omega, damping, flags[F_DIR]):
+        if exact or not _monotone(now[W_Q1], now[W_Q2], now[W_Q3], omega, damping,
+                                  flags[F_DIR]):
             return False
-    elif not _clear(q, d1, d2, d3, omega, damping, length, p[0] - r[0] - CHARGE_TOLERANCE,
-                    p[0] + r[0] + CHARGE_TOLERANCE, exact):
+    elif not _clear(now[W_Q], now[W_Q1], now[W_Q2], now[W_Q3], omega, damping, length,
+                    p[0] - r[0] - CHARGE_TOLERANCE, p[0] + r[0] + CHARGE_TOLERANCE, exact):
         return False
-    if ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0:
-        x = s[0]
-        w = s[1]
-        d2 = _dot(rows, mode, 6, s, inputs, n_in)
-        d3 = _dot(rows, mode, 7, s, inputs, n_in)
+    if displaced:
         if ip[I_FRICTION] != 0:
             reach = real[R_FRICTION_F] / real[R_FRICTION_K] + DISPLACEMENT_TOLERANCE
             if flags[F_FRIC] != 0:
-                if not _monotone(w, d2, d3, omega, damping, flags[F_FRIC_DIR]):
+                if not _monotone(w, now[W_X2], now[W_X3], omega, damping, flags[F_FRIC_DIR]):
                     return False
-            elif not _clear(x, w, d2, d3, omega, damping, length, x_block[0] - reach,
-                            x_block[0] + reach, exact):
+            elif not _clear(x, w, now[W_X2], now[W_X3], omega, damping, length,
+                            x_block[0] - reach, x_block[0] + reach, exact):
                 return False
         if ip[I_CONTACT] != 0:
             low = -1.0
@@ -657,13 +683,13 @@ def _calm(mode, rows, omegas, dampings, s, q, d1, inputs, n_in, length, flags, p
             if flags[F_CONTACT] != 0:
                 low = real[R_GAP] - DISPLACEMENT_TOLERANCE
                 high = 1.0
-            if not _clear(x, w, d2, d3, omega, damping, length, low, high, exact):
+            if not _clear(x, w, now[W_X2], now[W_X3], omega, damping, length, low, high, exact):
                 return False
     return True
 
 
 @_jit
-def _smooth_step(tables, rows, mode, d, level, length, s, s1, s2, inputs, ramp, real):
+def _smooth_step(tables, watch, mode, d, level, length, s, s1, s2, inputs, ramp, real):
     """
     Let the smooth ports follow a straight line between the ends of a sub-step.
 
@@ -682,7 +708,7 @@ def _smooth_step(tables, rows, mode, d, level, length, s, s1, s2, inputs, ramp, 
         s2[i] = s1[i]
     for _ in range(8):
         inputs[SMOOTH_V] = end_v
-        q1 = _dot(rows, mode, 0, s1, inputs, N_INPUTS)
+        q1 = _watched(watch, mode, W_Q, s1, inputs, N_INPUTS)
         new_v = _smooth_voltage(q1, real)
         new_f = _smooth_force(s1[0], real)
         change = abs(new_v - end_v) + abs(new_f - end_f) / real[R_T]
@@ -691,18 +717,18 @@ def _smooth_step(tables, rows, mode, d, level, length, s, s1, s2, inputs, ramp, 
         ramp[0] = (end_v - voltage) / length
         ramp[1] = (end_f - force) / length
         for i in range(n_states):
-            s1[i] = (s2[i] + tables[mode, d, level, i, width] * ramp[0]
-                     + tables[mode, d, level, i, width + 1] * ramp[1])
+            s1[i] = (s2[i] + tables[mode, d, level, width, i] * ramp[0]
+                     + tables[mode, d, level, width + 1, i] * ramp[1])
         if change < 1e-3 * real[R_TOL]:
             break
     inputs[SMOOTH_V] = end_v
     inputs[SMOOTH_F] = end_f
-    q1 = _dot(rows, mode, 0, s1, inputs, N_INPUTS)
-    d1 = _dot(rows, mode, 1, s1, inputs, N_INPUTS) * length
+    q1 = _watched(watch, mode, W_Q, s1, inputs, N_INPUTS)
+    d1 = _watched(watch, mode, W_Q1, s1, inputs, N_INPUTS) * length
     inputs[SMOOTH_V] = voltage
     inputs[SMOOTH_F] = force
-    q0 = _dot(rows, mode, 0, s, inputs, N_INPUTS)
-    d0 = _dot(rows, mode, 1, s, inputs, N_INPUTS) * length
+    q0 = _watched(watch, mode, W_Q, s, inputs, N_INPUTS)
+    d0 = _watched(watch, mode, W_Q1, s, inputs, N_INPUTS) * length
     middle_q = hermite(0.5, q0, d0, q1, d1)
     middle_x = hermite(0.5, s[0], s[1] * length, s1[0], s1[1] * length)
     return (abs(_smooth_voltage(middle_q, real) - 0.5 * (voltage + end_v))
@@ -713,7 +739,7 @@ def _smooth_step(tables, rows, mode, d, level, length, s, s1, s2, inputs, ramp, 
 def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         s, p, flags, inputs, x_block, k, v_break, r,
         real, ip, rates, opposing, reading, cls_tick, levels, short, built,
-        tables, rows, omegas, dampings, out_state, out_read):
+        tables, watch, omegas, dampings, out_state, out_read):
     """
     Advance the device over segments of constant command and force.
 
@@ -729,15 +755,18 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     s1 = np.empty(n_states)
     s2 = np.empty(n_states)
     ramp = np.zeros(N_RAMPS)
+    now = np.zeros(N_WATCHED)
+    then = np.zeros(N_WATCHED)
+    exact = n_states == 2 and ip[I_SMOOTH] == 0
     smooth = ip[I_SMOOTH] != 0
     plain = ip[I_LIMITER] == 0 and not smooth
     displaced = ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0
+    fresh = True  # the watched values must be computed anew
     for segment in range(seg_class.size):
         d = seg_class[segment]
         tick = cls_tick[d]
         left = seg_ticks[segment]
-        # What happens at this instant: 3 the inputs jumped, 2 a port may switch, 0 nothing.
-        unsettled = 0
+        unsettled = 0  # how often ports may still switch at this instant
         kind = 0
         if inputs[U] != seg_u[segment] or inputs[FORCE] != seg_force[segment]:
             inputs[U] = seg_u[segment]
@@ -746,73 +775,83 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             _offsets(inputs, flags, p, k, v_break, real, ip, x_block)
             x_block[1] = x_block[2]
             unsettled = 4
+            fresh = True
             kind = 1  # a rate of charge that now points back ends the slip at once
         mode = mode_index(flags, n, ip)
         level = levels[d]
-        rested = 0  # events that could not be resolved any finer: a guard
-        fresh = True  # q and d0 must be computed anew
-        q = 0.0
-        d0 = 0.0
+        rested = 0  # events met: a guard
+        blind = 0  # ticks to go without looking: to an event, or to the end
         while True:
             if not built[mode]:
                 build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-                           tables, rows, omegas, dampings)
+                           tables, watch, omegas, dampings)
                 built[mode] = True
-            if unsettled > 0:
+            if fresh and blind == 0:
+                _watch(watch, mode, s, inputs, n_in, now)
+                fresh = False
+            if unsettled > 0 and blind == 0:
                 unsettled -= 1
-                if _process(mode, rows, s, inputs, flags, p, r, k, v_break, real, ip, x_block,
+                if _process(now, s, inputs, flags, p, r, k, v_break, real, ip, x_block,
                             kind):
                     mode = mode_index(flags, n, ip)
+                    fresh = True
                 else:
                     unsettled = 0
-                fresh = True
                 continue
-            if left <= 0:
-                break
-            if fresh:
-                q = _dot(rows, mode, 0, s, inputs, n_in)
-                d0 = _dot(rows, mode, 1, s, inputs, n_in)
-                fresh = False
-            while (1 << level) > left:
-                level -= 1
-            if level > short[d]:
-                if not _calm(mode, rows, omegas, dampings, s, q, d0, inputs, n_in, tick * left,
-                             flags, p, r, ip, real, x_block, n):
-                    level = short[d]
-                elif plain:
-                    # Nothing can happen up to the end of the segment: go there.
-                    for i in range(n_states):
-                        s1[i] = s[i]
-                    while left > 0:
-                        while (1 << level) > left:
-                            level -= 1
-                        _propagate(tables, mode, d, level, s1, inputs, n_in, s2)
-                        for i in range(n_states):
-                            s1[i] = s2[i]
-                        left -= 1 << level
-                    for i in range(n_states):
-                        s[i] = s1[i]
-                    unsettled = 4
-                    kind = 0
-                    continue
+            if blind == 0:
+                if left <= 0:
+                    break
+                while (1 << level) > left:
+                    level -= 1
+                if level > short[d]:
+                    if not _calm(now, s[0], s[1], omegas[mode], dampings[mode], exact,
+                                 tick * left, flags, p, r, displaced, real, ip, x_block):
+                        level = short[d]
+                    elif plain:
+                        # Nothing can happen up to the end of the segment.
+                        blind = left
+                        unsettled = 4
+                        kind = 0
+            if blind > 0:
+                while (1 << level) > blind:
+                    level -= 1
             count = 1 << level
             length = tick * count
             _propagate(tables, mode, d, level, s, inputs, n_in, s1)
+            if blind > 0:
+                if smooth:
+                    width = n_states + N_INPUTS
+                    for i in range(n_states):
+                        s1[i] += (tables[mode, d, level, width, i] * ramp[0]
+                                  + tables[mode, d, level, width + 1, i] * ramp[1])
+                    inputs[SMOOTH_V] += ramp[0] * length
+                    inputs[SMOOTH_F] += ramp[1] * length
+                for i in range(n_states):
+                    s[i] = s1[i]
+                left -= count
+                blind -= count
+                if blind == 0:
+                    fresh = True
+                    level = levels[d]
+                    if smooth:
+                        inputs[SMOOTH_F] = _smooth_force(s[0], real)
+                        inputs[SMOOTH_V] = _smooth_voltage(
+                            _watched(watch, mode, W_Q, s, inputs, n_in), real)
+                continue
             if smooth:
                 voltage = inputs[SMOOTH_V]
                 force = inputs[SMOOTH_F]
-                error = _smooth_step(tables, rows, mode, d, level, length, s, s1, s2, inputs,
+                error = _smooth_step(tables, watch, mode, d, level, length, s, s1, s2, inputs,
                                      ramp, real)
                 if error > real[R_TOL] and level > 0:
                     level -= 1
                     continue
                 inputs[SMOOTH_V] = voltage + ramp[0] * length
                 inputs[SMOOTH_F] = force + ramp[1] * length
-            q1 = _dot(rows, mode, 0, s1, inputs, n_in)
-            d1 = _dot(rows, mode, 1, s1, inputs, n_in)
+            _watch(watch, mode, s1, inputs, n_in, then)
             reliable = level <= short[d]
-            part, kind = _event_charge(q, d0 * length, q1, d1 * length, flags, p, r, x_block[1],
-                                       n, reliable)
+            part, kind = _event_charge(now[W_Q], now[W_Q1] * length, then[W_Q],
+                                       then[W_Q1] * length, flags, p, r, x_block[1], n, reliable)
             if displaced:
                 at, other = _event_displacement(s[0], s[1] * length, s1[0], s1[1] * length,
                                                 flags, real, ip, x_block)
@@ -820,70 +859,45 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                     part = at
                     kind = other
             if ip[I_LIMITER] != 0:
-                at = _event_limit(_dot(rows, mode, 8, s, inputs, n_in),
-                                  _dot(rows, mode, 8, s1, inputs, n_in), flags[F_LIMIT],
-                                  real[R_LIMIT])
+                at = _event_limit(now[W_WANT], then[W_WANT], flags[F_LIMIT], real[R_LIMIT])
                 if at < part:
                     part = at
                     kind = 0
             if part <= 1.0 and rested < MAX_EVENTS:
-                if not reliable:
-                    # Too long to trust the cubic: come closer first.
-                    level = max(short[d], level - 3)
-                    rested += 1
-                    if smooth:
-                        inputs[SMOOTH_V] = voltage
-                        inputs[SMOOTH_F] = force
-                    continue
+                # An event: go back and meet it on its tick, then look again.
+                if smooth:
+                    inputs[SMOOTH_V] = voltage
+                    inputs[SMOOTH_F] = force
                 rested += 1
-                done = max(1, int(math.ceil(part * count)))
-                if done < count:
-                    if smooth:
-                        inputs[SMOOTH_V] = voltage
-                        inputs[SMOOTH_F] = force
-                    for i in range(n_states):
-                        s1[i] = s[i]
-                    bit = 0
-                    while (1 << bit) <= done:
-                        if done & (1 << bit):
-                            _propagate(tables, mode, d, bit, s1, inputs, n_in, s2)
-                            if smooth:
-                                width = n_states + N_INPUTS
-                                for i in range(n_states):
-                                    s2[i] += (tables[mode, d, bit, i, width] * ramp[0]
-                                              + tables[mode, d, bit, i, width + 1] * ramp[1])
-                                inputs[SMOOTH_V] += ramp[0] * tick * (1 << bit)
-                                inputs[SMOOTH_F] += ramp[1] * tick * (1 << bit)
-                            for i in range(n_states):
-                                s1[i] = s2[i]
-                        bit += 1
-                left -= done
-                unsettled = 4
-                level = levels[d]
-            else:
-                left -= count
-                q = q1
-                d0 = d1
-                if flags[F_SLIP] > 0 and flags[F_DIR] * (q1 - x_block[1]) > 0.0:
-                    x_block[1] = q1
-                if flags[F_FRIC] != 0 and flags[F_FRIC_DIR] * (s1[0] - x_block[3]) > 0.0:
-                    x_block[3] = s1[0]
                 if reliable:
-                    level = levels[d]
+                    blind = min(count, max(1, int(math.ceil(part * count))))
+                    unsettled = 4
+                else:
+                    level = max(short[d], level - 3)  # too long to trust the cubic
+                continue
+            left -= count
             for i in range(n_states):
                 s[i] = s1[i]
+            for i in range(N_WATCHED):
+                now[i] = then[i]
+            if flags[F_SLIP] > 0 and flags[F_DIR] * (now[W_Q] - x_block[1]) > 0.0:
+                x_block[1] = now[W_Q]
+            if flags[F_FRIC] != 0 and flags[F_FRIC_DIR] * (s1[0] - x_block[3]) > 0.0:
+                x_block[3] = s1[0]
+            if reliable:
+                level = levels[d]
             if smooth:
                 inputs[SMOOTH_F] = _smooth_force(s[0], real)
-                inputs[SMOOTH_V] = _smooth_voltage(_dot(rows, mode, 0, s, inputs, n_in), real)
+                inputs[SMOOTH_V] = _smooth_voltage(now[W_Q], real)
                 fresh = True
-        x_block[2] = _dot(rows, mode, 0, s, inputs, n_in)
+        x_block[2] = now[W_Q]
         if not math.isfinite(x_block[2]) or not math.isfinite(s[0]):
             return 1
         row = seg_state[segment]
         if row >= 0:
             for o in range(N_OUTPUTS):
-                out_state[row, o] = _dot(rows, mode, 9 + o, s, inputs, n_in)
+                out_state[row, o] = now[W_OUT + o]
         row = seg_read[segment]
         if row >= 0:
-            out_read[row] = _dot(rows, mode, 9, s, inputs, n_in)
+            out_read[row] = now[W_OUT]
     return 0

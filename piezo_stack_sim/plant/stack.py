@@ -339,6 +339,20 @@ class Plant:
                              np.array([external_force], dtype=float))
         return Sample(*(float(column[0]) for column in measured))
 
+    def hold(self, external_force: float = 0.0) -> Sample:
+        """
+        Leave the terminals as they are for one period: no command yet, or a switched drive.
+
+        Returns
+        -------
+        Sample
+            What the sensors show at the end of the period.
+
+        """
+        measured = self._run(np.zeros(1), np.array([external_force], dtype=float),
+                             self._commands[-1:])
+        return Sample(*(float(column[0]) for column in measured))
+
     def run(self, commands, external_forces=None) -> Response:
         """
         Hold each command for one period.
@@ -409,9 +423,11 @@ class Plant:
         measured = self._measure(time[1:] - time[0], out, read, self.noisy)
         return Response(time[1:], *measured, self._out_of_range, self.state)
 
-    def _run(self, commands: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _run(self, commands: np.ndarray, forces: np.ndarray,
+             source: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         n = commands.size
-        source = self.source_values(commands)
+        if source is None:
+            source = self.source_values(commands)
         if not (np.isfinite(source).all() and np.isfinite(forces).all()):
             raise InputError('a command or force is not a finite number; nothing was advanced')
         history = np.concatenate([self._commands, source])
@@ -501,14 +517,14 @@ class Tables:
         system = self.system
         n, modes = system.rates.shape[0], system.n_modes
         width = n + kernel.N_INPUTS
-        tables = np.zeros((modes, n_classes, int(self.levels.max()) + 1, n,
-                           width + kernel.N_RAMPS))
+        tables = np.zeros((modes, n_classes, int(self.levels.max()) + 1,
+                           width + kernel.N_RAMPS, n))
         self._run = kernel.run
         self._arguments = (
             system.k, system.v_break, system.r, system.real, system.ints, system.rates,
             system.opposing, system.reading, self.tick, self.levels, self.short,
             np.zeros(modes, dtype=np.bool_), tables,
-            np.zeros((modes, 9 + kernel.N_OUTPUTS, width)), np.zeros(modes), np.zeros(modes))
+            np.zeros((modes, width, kernel.N_WATCHED)), np.zeros(modes), np.zeros(modes))
 
     def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
         """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
