@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -13,6 +14,7 @@ FOLDER = ROOT / '.venv'
 PYTHON = FOLDER / 'bin' / 'python'
 STAMP = FOLDER / 'piezo_stack_sim.json'
 OLDEST = (3, 10)
+NEWEST_ROS = (3, 13)
 # What decides which packages the environment holds.
 SOURCES = ('setup.py', 'setup.cfg', 'pyproject.toml', 'package.xml')
 # A sourced ROS installation or another environment would shadow the packages of this one.
@@ -79,10 +81,10 @@ def ensure(*extras):
     if not _works():
         _create()
     wanted = sorted({*extras, *stamp.get('extras', ())})
-    say(f'installing piezo_stack_sim[{",".join(wanted)}] and what it needs '
-        '(minutes the first time)')
+    suffix = f'[{",".join(wanted)}]' if wanted else ''
+    say(f'installing piezo_stack_sim{suffix} and what it needs (minutes the first time)')
     STAMP.unlink(missing_ok=True)  # a broken installation must not look complete
-    _pip('install', '--editable', f'{ROOT}[{",".join(wanted)}]')
+    _pip('install', '--editable', f'.{suffix}')
     STAMP.write_text(json.dumps({'sources': sources, 'extras': wanted}), encoding='utf-8')
     return PYTHON
 
@@ -118,15 +120,19 @@ def _create():
 
 def _pip(*arguments):
     command = [str(PYTHON), '-m', 'pip', *arguments, '--quiet', '--disable-pip-version-check']
-    done = subprocess.run(command, env=variables(), capture_output=True, text=True)
+    done = subprocess.run(command, cwd=ROOT, env=variables(), capture_output=True, text=True)
     if done.returncode == 0:
         return
-    errors = [line for line in done.stderr.splitlines() if not line.startswith('WARNING')]
-    for line in errors[-5:]:
+    lines = [line.strip(' |\u2502') for line in (done.stdout + done.stderr).splitlines()]
+    for line in [line for line in lines if line.lower().startswith('error')][:3]:
         say(f'  pip: {line}')
-    offline = any(
-        word in done.stderr for word in ('connection', 'Connection', 'resolve', 'ReadTimeout'))
-    reason = 'is the network reachable?' if offline else 'see the lines above'
+    if sys.version_info[:2] > NEWEST_ROS:
+        reason = (f'ROS 2 has wheels for Python up to {NEWEST_ROS[0]}.{NEWEST_ROS[1]}: start this '
+                  f'script with such a python3 (and remove {FOLDER} before)')
+    elif re.search('from versions: none|onnection|imed out|imeout|unreachable', done.stderr):
+        reason = 'are the network and the package index reachable?'
+    else:
+        reason = f'"{PYTHON} -m pip install -e {arguments[-1]}" in {ROOT} tells more'
     raise EnvironmentProblem(f'pip could not install the packages; {reason}')
 
 
