@@ -9,6 +9,7 @@ from piezo_stack_sim.recording.bag_writer import write_bag
 from piezo_stack_sim.recording.csv_file import read_csv
 from piezo_stack_sim.recording.finding import Finding
 from piezo_stack_sim.recording.mapping import parse_mapping, parse_units
+from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.read import read_set
 from piezo_stack_sim.recording.recording import Recording, RecordingSet
 from piezo_stack_sim.recording.write import CsvWriter, write_csv, write_csv_set
@@ -18,6 +19,7 @@ __all__ = [
     'Finding',
     'parse_mapping',
     'parse_units',
+    'preflight',
     'read_bag',
     'read_csv',
     'read_set',

@@ -42,6 +42,42 @@ class Finding:
         return ' '.join((f'{text}: {self.mend}' if self.mend else text).split())
 
 
+class RefusedError(Exception):
+    """A recording, or a channel of it, that preflight will not let pass; carries the Finding."""
+
+    def __init__(self, finding):
+        super().__init__(str(finding))
+        self.finding = finding
+
+
+def refuse(recording, row, what, mend):
+    """Return the RefusedError about a recording; `row` is the index of a sample, or None."""
+    return RefusedError(Finding(recording.source or recording.name, row_of(recording, row),
+                                REFUSED, what, mend))
+
+
+def found(recording, row, severity, what, mend=''):
+    """Return a Finding about a recording; `row` is the index of a sample, or None."""
+    return Finding(recording.source or recording.name, row_of(recording, row), severity, what,
+                   mend)
+
+
+def row_of(recording, index):
+    """
+    Return the row of the file that a sample came from.
+
+    A sample that was put in has none; then it is the row of the last sample before it.
+
+    """
+    if index is None:
+        return None
+    if recording.rows is None:
+        return int(index) + 1
+    known = recording.rows[:int(index) + 1]
+    known = known[known > 0]
+    return int(known[-1]) if known.size else None
+
+
 def shown(text, length=40):
     """Quote text from a file for a message: one line, printable, at most `length` long."""
     text = str(text)

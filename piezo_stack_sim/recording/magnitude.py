@@ -1,0 +1,208 @@
+"""Preflight of sizes: units that are wrong by powers of a thousand, and what else is far off."""
+
+from itertools import product
+import math
+
+import numpy as np
+
+from piezo_stack_sim.recording.finding import found, NOTE, refuse, REPAIRED
+from piezo_stack_sim.recording.mapping import UNITS
+from piezo_stack_sim.recording.samples import without
+
+# Powers of ten by which a channel may be too large: displacement in mm, um or nm, and so on.
+_PLAUSIBLE = {'voltage': (-3, 3, 6), 'charge': (3, 6, 9), 'displacement': (3, 6, 9)}
+_COMMAND = {'voltage': (0, -3, 3), 'charge': (0, -3, -6, -9)}
+_NAMES = {-3: 'k', 3: 'm', 6: 'u', 9: 'n'}
+_FORCE = (0, -3)
+# Decades that a device may be away from its data sheet: an effect, not a unit.
+_WIDE = 1.0
+_ODD = 2.0
+# Without a device, what no piezo stack reaches: V, C, m, N.
+_LIMITS = {'voltage': 1e4, 'charge': 0.1, 'displacement': 5e-3}
+_FORCE_LIMIT = 1e6
+
+
+def spread(values):
+    """Return the range of values without the outermost per cent on either side."""
+    low, high = np.percentile(values, (1.0, 99.0))
+    return float(high - low) or float(np.ptp(values))
+
+
+def check_limits(recording):
+    """Refuse numbers that no piezo stack reaches; all that can be done without a device."""
+    sizes = dict(recording.measured, external_force=recording.external_force)
+    limits = dict(_LIMITS, external_force=_FORCE_LIMIT)
+    if recording.command_name:
+        sizes[recording.command_name] = recording.command
+        limits[recording.command_name] = _LIMITS[recording.drive]
+    for name, values in sizes.items():
+        size = float(np.max(np.abs(values)))
+        if size > limits[name]:
+            raise refuse(
+                recording, int(np.argmax(np.abs(values))),
+                f'{name} reaches {size:.4g} {UNITS[name]}: hardly in {UNITS[name]}',
+                f'give its unit, as in --unit {name}=u{UNITS[name]}')
+    return recording, []
+
+
+def _explain(channel, ratio):
+    """
+    Return (power of ten, cost, distance) that explains a channel's size best.
+
+    The power is 0 for a channel that is right, None for one that no unit explains.
+
+    """
+    decades = math.log10(ratio)
+    if abs(decades) <= _WIDE:
+        return 0, 0.0, abs(decades)
+    power = 3 * round(decades / 3.0)
+    if power in _PLAUSIBLE[channel] and abs(decades - power) <= _WIDE:
+        return power, 1.0, abs(decades - power)
+    # Up to a factor of a hundred it may be an effect; more than that must be explained.
+    return (0, 0.5, abs(decades)) if abs(decades) <= _ODD else (None, 3.0, abs(decades))
+
+
+class _Reading:
+    """One way to read the units of a recording, and how much it asks one to believe."""
+
+    def __init__(self, recording, statics, command_power, force_power):
+        self.command_power, self.force_power = command_power, force_power
+        answer = statics.answer(
+            recording.drive, recording.command * 10.0**command_power,
+            recording.external_force * 10.0**force_power)
+        self.powers, self.ratios = {}, {}
+        self.cost = float(command_power != 0) + float(force_power != 0)
+        self.distance = 0.0
+        for channel, values in recording.measured.items():
+            expected, measured = spread(answer[channel]), spread(values)
+            if expected <= 0.0 or measured <= 0.0:
+                continue
+            power, cost, distance = _explain(channel, measured / expected)
+            self.powers[channel], self.ratios[channel] = power, measured / expected
+            self.cost += cost
+            self.distance += distance
+
+    @property
+    def complete(self):
+        """Return whether it explains every channel."""
+        return None not in self.powers.values()
+
+
+def _command_powers(recording, statics):
+    """Return the powers of ten that bring the command into the device's range."""
+    if recording.drive not in _COMMAND:
+        return (0,)
+    limit = 3.0 * (statics.voltage_limit if recording.drive == 'voltage'
+                   else statics.charge_limit)
+    size = float(np.max(np.abs(recording.command)))
+    return tuple(power for power in _COMMAND[recording.drive] if size * 10.0**power <= limit)
+
+
+def _force_powers(recording, statics):
+    size = float(np.max(np.abs(recording.external_force)))
+    return _FORCE if size > 30.0 * statics.blocking_force else (0,)
+
+
+def check_units(recording, statics):
+    """
+    Bring channels whose unit is unmistakably another one to SI.
+
+    Every reading of the units is compared with what the device should answer; the one that
+    changes fewest things is taken, if it stands out.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    Raises
+    ------
+    RefusedError
+        No reading explains the sizes, or two do.
+
+    """
+    powers = _command_powers(recording, statics)
+    if not powers:
+        size = float(np.max(np.abs(recording.command)))
+        raise refuse(recording, int(np.argmax(np.abs(recording.command))),
+                     f'{recording.command_name} reaches {size:.4g} '
+                     f'{UNITS[recording.command_name]}, far beyond the device',
+                     f'give its unit, as in --unit {recording.command_name}=mV')
+    readings = sorted(
+        (_Reading(recording, statics, *each)
+         for each in product(powers, _force_powers(recording, statics))),
+        key=lambda each: (each.cost, each.distance))
+    best = readings[0]
+    as_is = next((x for x in readings if x.command_power == 0 and x.force_power == 0), None)
+    if as_is and as_is.cost < 1.0:
+        return recording, _odd(recording, as_is)
+    rivals = [each for each in readings[1:] if each.complete and each.cost < best.cost + 0.5
+              and each.distance < best.distance + 0.5]
+    if not best.complete or rivals:
+        raise _unexplained(recording, as_is or best)
+    return _scaled(recording, best)
+
+
+def _odd(recording, reading):
+    """Note channels that are far off, but by no unit."""
+    return [
+        found(recording, None, NOTE,
+              f'{channel} moves {reading.ratios[channel]:.2g} times as far as the device should',
+              'check its gain; --unit takes factors too')
+        for channel in reading.ratios if abs(math.log10(reading.ratios[channel])) > _WIDE
+    ]
+
+
+def _unexplained(recording, reading):
+    wrong = {name: ratio for name, ratio in reading.ratios.items()
+             if abs(math.log10(ratio)) > _WIDE}
+    sizes = ', '.join(f'{name} moves {ratio:.2g} times as far as expected'
+                      for name, ratio in (wrong or reading.ratios).items())
+    name = next(iter(wrong), recording.command_name or 'displacement')
+    return refuse(recording, None, f'{sizes}: the units cannot be told',
+                  f'give them, as in --unit {name}=u{UNITS[name]}')
+
+
+def _scaled(recording, reading):
+    findings, changes = [], {}
+    named = {channel: power for channel, power in reading.powers.items() if power}
+    measured = {name: values * 10.0**-named.get(name, 0)
+                for name, values in recording.measured.items()}
+    named.update({'external_force': -reading.force_power} if reading.force_power else {})
+    if reading.command_power:
+        named[recording.command_name] = -reading.command_power
+        changes['command'] = recording.command * 10.0**reading.command_power
+    if reading.force_power:
+        changes['external_force'] = recording.external_force * 10.0**reading.force_power
+    for name, power in named.items():
+        findings.append(found(
+            recording, None, REPAIRED,
+            f'{name} is in {_NAMES.get(power, f"1e{-power} ")}{UNITS[name]}, as its size tells',
+            f'multiplied by 1e{-power}'))
+    return recording.replace(measured=measured, **changes), findings
+
+
+def check_connected(recording, expected):
+    """
+    Leave out channels that hardly move, and not with the inputs, although they should.
+
+    Parameters
+    ----------
+    recording : Recording
+        To check.
+    expected : dict of str to ndarray
+        What each channel should do.
+
+    """
+    findings = []
+    for channel, values in list(recording.measured.items()):
+        wanted, moved = spread(expected[channel]), spread(values)
+        if not wanted or moved > 0.01 * wanted or np.ptp(values) == 0.0:
+            continue
+        alike = abs(np.corrcoef(values, expected[channel])[0, 1])
+        if alike < 0.2:
+            findings.append(found(
+                recording, 0, REPAIRED,
+                f'{channel} is noise of {moved:.3g} {UNITS[channel]} where it should move by '
+                f'{wanted:.3g}', f'not connected? {channel} of this recording is not used'))
+            recording = without(recording, channel)
+    return recording, findings

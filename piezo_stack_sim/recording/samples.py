@@ -1,0 +1,206 @@
+"""Preflight of single samples: missing values, dead, clipped and standing channels, zeros."""
+
+import numpy as np
+
+from piezo_stack_sim.recording.finding import found, NOTE, refuse, REPAIRED
+
+_SHORT_RUN = 5
+_FILLED = 0.1
+_FEWEST_ROWS = 20
+# A run of equal values this long, while the command moves the channel by this part of its range.
+_CLIPPED_RUN = 8
+_STANDING_RUN = 25
+_MOVED = 0.03
+# An offset that is no noise, disturbance or drift, as a part of the channel's range.
+_OFFSET = 0.02
+
+
+def runs_of(flags):
+    """Return (start, end) of each run of True values, shape (runs, 2)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return edges.reshape(-1, 2)
+
+
+def without(recording, channel):
+    """Return the recording without a measured channel."""
+    return recording.replace(
+        measured={name: x for name, x in recording.measured.items() if name != channel})
+
+
+def check_missing(recording):
+    """
+    Fill in missing measured values where they are few, else leave the channel out.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    Raises
+    ------
+    RefusedError
+        Too many are missing of the only channel.
+
+    """
+    findings = []
+    for channel, values in recording.measured.items():
+        bad = ~np.isfinite(values)
+        if not bad.any():
+            continue
+        first = int(np.argmax(bad))
+        what = f'{channel} is missing in {bad.sum()} of {bad.size} rows'
+        stride = _stride(bad)
+        runs = runs_of(bad)
+        longest = int((runs[:, 1] - runs[:, 0]).max())
+        if stride or (longest <= _SHORT_RUN and bad.sum() <= _FILLED * bad.size):
+            rows = np.arange(bad.size)
+            values = np.interp(rows, rows[~bad], values[~bad])
+            recording = recording.replace(measured={**recording.measured, channel: values})
+            how = f'measured every {stride}th row only: ' if stride else ''
+            findings.append(found(recording, first, REPAIRED, what,
+                                  f'{how}filled in by straight lines'))
+        elif bad.all() or len(recording.measured) > 1:
+            findings.append(found(recording, first, REPAIRED, what,
+                                  f'{channel} of this recording is not used'))
+            recording = without(recording, channel)
+        elif runs[-1][1] == bad.size and 2 * runs[-1][0] > bad.size \
+                and not bad[:runs[-1][0]].any():
+            findings.append(found(recording, first, REPAIRED, what,
+                                  f'only the {first} rows before are used'))
+            recording = recording.take(slice(0, first))
+        else:
+            raise refuse(recording, first, what, 'record it again')
+    return recording, findings
+
+
+def _stride(bad):
+    """Return m when a channel has a value every m-th row throughout, else 0."""
+    good = np.flatnonzero(~bad)
+    if good.size < 4 or good.size > 0.6 * bad.size:
+        return 0
+    step = np.diff(good)
+    stride = int(np.median(step))
+    whole = np.mean(step == stride) > 0.95 and step.max() <= 3 * stride
+    return stride if whole and 2 <= stride <= 50 else 0
+
+
+def check_length(recording):
+    """Refuse a recording with too few rows to say anything."""
+    if len(recording) < _FEWEST_ROWS:
+        raise refuse(recording, None, f'only {len(recording)} rows',
+                     f'at least {_FEWEST_ROWS} are needed')
+    return recording, []
+
+
+def check_alive(recording, expected):
+    """
+    Leave out channels that never move although the inputs should move them.
+
+    Parameters
+    ----------
+    recording : Recording
+        To check.
+    expected : dict of str to ndarray
+        What a model without memory expects of each channel; {} when there is no device.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    """
+    findings = []
+    for channel, values in list(recording.measured.items()):
+        moved = np.ptp(expected[channel]) if channel in expected else max(
+            np.ptp(recording.command), np.ptp(recording.external_force))
+        if moved > 0.0 and np.ptp(values) == 0.0:
+            findings.append(found(
+                recording, 0, REPAIRED, f'{channel} is {values[0]:.6g} in every row',
+                f'not connected? {channel} of this recording is not used'))
+            recording = without(recording, channel)
+    return recording, findings
+
+
+def check_clipped(recording, expected):
+    """
+    Note where a channel stands still while it should move: at its extremes, or in between.
+
+    An amplifier at its rail looks like that too, so that nothing is repaired.
+
+    """
+    findings = []
+    for channel, values in recording.measured.items():
+        guide = expected.get(channel, recording.command)
+        span = np.ptp(guide)
+        equal = runs_of(np.diff(values) == 0.0)
+        equal = equal[equal[:, 1] - equal[:, 0] >= _CLIPPED_RUN - 1]
+        if not span or not equal.size:
+            continue
+        low, high = values.min(), values.max()
+        clipped, standing = [], []
+        for start, end in equal:
+            if np.ptp(guide[start:end + 1]) < _MOVED * span:
+                continue
+            if values[start] in (low, high):
+                clipped.append((start, end))
+            elif end - start >= _STANDING_RUN:
+                standing.append((start, end))
+        for places, what, mend in (
+            (clipped, 'is cut off at', 'the range of the sensor, or the rail of the amplifier'),
+            (standing, 'stands still at', 'samples repeated by the recorder, or friction'),
+        ):
+            if places:
+                rows = sum(end - start + 1 for start, end in places)
+                findings.append(found(
+                    recording, places[0][0], NOTE,
+                    f'{channel} {what} {values[places[0][0]]:.6g} in {rows} rows', mend))
+    return recording, findings
+
+
+def _rest(recording):
+    """Return how many rows at the beginning have the inputs of the first row, up to 200."""
+    moved = (recording.command != recording.command[0]) | (
+        recording.external_force != recording.external_force[0])
+    # The row at which the input changes is sampled just before the change.
+    return min(int(np.argmax(moved)) + 1 if moved.any() else len(recording), 200)
+
+
+def check_start(recording, command_range):
+    """
+    Zero charge and displacement where the recording begins, if it begins at rest.
+
+    Their origin is arbitrary, that of the voltage is not.
+
+    Parameters
+    ----------
+    recording : Recording
+        To check.
+    command_range : float
+        The size of the command against which the first one counts as zero.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    """
+    findings, measured = [], {}
+    resting = abs(recording.command[0]) <= 0.01 * command_range
+    # The first row is sampled before its command; only a command of zero rests after it.
+    rows = _rest(recording) if resting else 1
+    for channel, values in recording.measured.items():
+        # Less may be noise, a disturbance or a drift, which are not for preflight to remove.
+        start = float(np.mean(values[:rows]))
+        noise = float(np.median(np.abs(np.diff(values)))) / rows**0.5
+        if abs(start) <= max(_OFFSET * np.ptp(values), 10.0 * noise):
+            continue
+        what = f'{channel} begins at {start:.4g}, not at zero'
+        if channel == 'voltage' or not resting:
+            if resting or recording.drive not in ('voltage', 'charge'):
+                mend = 'kept: an offset of the driver or of its monitor'
+            else:
+                mend = ('kept: the device was not at rest, a model that begins relaxed is wrong '
+                        'at first')
+            findings.append(found(recording, 0, NOTE, what, mend))
+            continue
+        measured[channel] = values - start
+        findings.append(found(recording, 0, REPAIRED, what,
+                              f'the mean of the first {rows} rows is taken off'))
+    return recording.replace(measured={**recording.measured, **measured}), findings

@@ -1,0 +1,451 @@
+"""Preflight names what is wrong with a recording, mends what is safe, and refuses the rest."""
+
+import numpy as np
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.recording import preflight
+import pytest
+from recorded import answered, DEVICE, pushed, set_of, slow, triangle, with_channel
+
+
+def checked(*recordings, device=DEVICE, **options):
+    """Return the recordings that pass, and the findings as text."""
+    result, findings = preflight(set_of(*recordings), device, **options)
+    return result.recordings, [str(each) for each in findings]
+
+
+def mended(recording, *others, device=DEVICE):
+    """Return the first recording after preflight and the only finding about it."""
+    passed, findings = checked(recording, *others, device=device)
+    assert len(findings) == 1, findings
+    return passed[0], findings[0]
+
+
+def refusal(recording, device=DEVICE):
+    """Return the one refusal of a recording."""
+    with pytest.raises(InputError) as error:
+        preflight(set_of(recording), device)
+    assert str(error.value).startswith('refused: triangle.csv')
+    return str(error.value)
+
+
+def same(one, other):
+    """Return whether two recordings have equal columns up to rounding."""
+    return all(np.allclose(one.columns()[name], values, rtol=1e-12, atol=1e-15)
+               for name, values in other.columns().items())
+
+
+def arrivals(time, seed):
+    """Return when messages sent at `time` arrive, each with a delay of its own."""
+    late = np.random.default_rng(seed).exponential(2e-4, time.size)
+    times = np.maximum.accumulate(time + late)
+    return times - times[0]
+
+
+@pytest.mark.parametrize('recording', [slow(), pushed(), slow(noise=0.0), answered(
+    triangle(3000, 100e-6), drive='charge')], ids=['slow', 'pushed', 'noiseless', 'charge'])
+def test_a_good_recording_passes_untouched(recording):
+    passed, findings = checked(recording)
+    assert not findings
+    assert same(passed[0], recording)
+
+
+@pytest.mark.parametrize('channel, factor, unit', [
+    ('displacement', 1e6, 'um'), ('displacement', 1e9, 'nm'), ('displacement', 1e3, 'mm'),
+    ('charge', 1e6, 'uC'), ('charge', 1e9, 'nC'), ('voltage', 1e3, 'mV'), ('voltage', 1e-3, 'kV'),
+])
+def test_a_unit_wrong_by_thousands_is_recognised_by_the_size_it_gives(channel, factor, unit):
+    recording = slow()
+    wrong = with_channel(recording, channel, recording.measured[channel] * factor)
+    passed, finding = mended(wrong)
+    assert finding.startswith('repaired: triangle.csv: ') and f'{channel} is in {unit}' in finding
+    assert same(passed, recording)
+
+
+@pytest.mark.parametrize('factor, unit', [(1e3, 'mV'), (1e-3, 'kV')])
+def test_a_command_in_another_unit_is_recognised_too(factor, unit):
+    recording = slow()
+    passed, finding = mended(recording.replace(command=recording.command * factor))
+    assert f'voltage_command is in {unit}' in finding
+    assert same(passed, recording)
+
+
+def test_a_charge_command_in_microcoulomb_is_recognised():
+    recording = answered(triangle(3000, 100e-6), drive='charge')
+    passed, finding = mended(recording.replace(command=recording.command * 1e6))
+    assert 'charge_command is in uC' in finding
+    assert same(passed, recording)
+
+
+def test_command_and_voltage_in_kilovolt_are_told_from_all_else_being_too_large():
+    recording = slow()
+    wrong = with_channel(recording, 'voltage', recording.measured['voltage'] / 1e3)
+    passed, findings = checked(wrong.replace(command=recording.command / 1e3))
+    assert [('voltage is in kV' in each, 'voltage_command is in kV' in each)
+            for each in sorted(findings)] == [(True, False), (False, True)]
+    assert same(passed[0], recording)
+
+
+def test_a_force_in_millinewton_is_recognised():
+    recording = pushed()
+    passed, finding = mended(recording.replace(external_force=recording.external_force * 1e3))
+    assert 'external_force is in mN' in finding
+    assert same(passed, recording)
+
+
+def test_a_gain_that_no_unit_explains_is_noted_and_kept():
+    recording = slow()
+    passed, finding = mended(with_channel(
+        recording, 'displacement', recording.measured['displacement'] * 30.0))
+    assert finding.startswith('note: ') and '--unit takes factors' in finding
+    assert np.array_equal(passed.measured['displacement'],
+                          recording.measured['displacement'] * 30.0)
+
+
+def test_a_size_that_no_unit_explains_is_refused():
+    recording = slow()
+    text = refusal(with_channel(
+        recording, 'displacement', recording.measured['displacement'] * 3e4))
+    assert 'displacement' in text and '--unit displacement=' in text
+
+
+def test_a_unit_is_not_guessed_without_a_device():
+    recording = slow()
+    wrong = with_channel(recording, 'displacement', recording.measured['displacement'] * 1e6)
+    assert 'hardly in m' in refusal(wrong, device=None)
+
+
+@pytest.mark.parametrize('channel', ['voltage', 'charge', 'displacement'])
+def test_a_swapped_sign_is_turned(channel):
+    recording = slow()
+    passed, finding = mended(with_channel(recording, channel, -recording.measured[channel]))
+    assert f'{channel} has the wrong sign' in finding
+    assert same(passed, recording)
+
+
+def test_an_inverting_amplifier_is_seen_by_all_answers_being_turned():
+    recording = slow()
+    passed, finding = mended(recording.replace(command=-recording.command))
+    assert 'voltage_command has the wrong sign' in finding
+    assert same(passed, recording)
+
+
+def test_a_force_counted_in_compression_is_turned():
+    recording = pushed()
+    passed, finding = mended(recording.replace(external_force=-recording.external_force))
+    assert 'external_force has the wrong sign' in finding
+    assert same(passed, recording)
+
+
+def test_sign_of_displacement_under_force_alone_is_taken_from_the_other_recordings():
+    recording = pushed(height=0.0)
+    lone = recording.replace(measured={'displacement': recording.measured['displacement']})
+    turned = lone.replace(external_force=-lone.external_force)
+    (passed, _), findings = checked(turned, slow())
+    assert any('external_force has the wrong sign' in each for each in findings)
+    assert same(passed, lone)
+
+
+def test_a_sign_that_nobody_can_tell_is_refused():
+    recording = pushed(height=0.0, name='triangle')
+    lone = recording.replace(measured={'displacement': -recording.measured['displacement']})
+    assert '--unit external_force=-1' in refusal(lone)
+
+
+def test_motion_beyond_resonance_is_not_taken_for_a_wrong_sign():
+    command = 20.0 + 20.0 * np.sin(np.linspace(0.0, 600.0 * np.pi, 3000))
+    recording = answered(command * np.minimum(np.arange(3000) / 300.0, 1.0), rate=100e3)
+    fast = recording.measured['displacement'] - 2.0 * np.where(
+        np.arange(3000) < 300, 0.0, recording.measured['displacement'] - 4e-6)
+    _, findings = checked(with_channel(recording, 'displacement', fast))
+    assert not any('sign' in each for each in findings)
+
+
+def test_duplicated_rows_are_dropped_and_named():
+    recording = slow()
+    rows = np.insert(np.arange(3000), 1200, [1198, 1199])
+    passed, finding = mended(recording.take(rows))
+    assert 'row 1200: 2 rows are there twice' in finding
+    assert same(passed, recording)
+
+
+def test_swapped_rows_are_sorted_when_that_makes_the_times_regular():
+    recording = slow()
+    rows = np.arange(3000)
+    rows[[700, 701]] = 701, 700
+    passed, finding = mended(recording.take(rows))
+    assert 'row 702: 2 rows are out of order' in finding
+    assert same(passed, recording)
+
+
+def test_two_runs_in_one_file_are_refused_with_the_row_to_split_at():
+    recording = slow()
+    again = slow(seed=1)
+    text = refusal(recording.take(np.r_[0:3000, 0:3000]).replace(
+        measured={name: np.r_[values, again.measured[name]]
+                  for name, values in recording.measured.items()}, rows=np.arange(2, 6002)))
+    assert 'row 3002: the time goes back by 0.2999 s' in text and 'split the file there' in text
+
+
+def test_a_clock_that_was_set_back_is_refused():
+    recording = slow()
+    text = refusal(recording.replace(time=recording.time - np.where(
+        np.arange(3000) < 1500, 0.0, 0.00025)))
+    assert 'row 1502: the time goes back by' in text
+
+
+def test_lost_rows_are_filled_in_and_counted():
+    recording = slow()
+    passed, finding = mended(recording.take(np.delete(np.arange(3000), [50, 900, 901])))
+    assert 'row 52: 3 rows were lost in 2 places' in finding or \
+        'row 53: 3 rows were lost in 2 places' in finding
+    assert np.allclose(passed.time, recording.time) and passed.rows[50] == 0
+    assert np.allclose(passed.command, recording.command, atol=1e-9)
+    assert np.allclose(passed.measured['displacement'], recording.measured['displacement'],
+                       atol=2e-8)
+
+
+def test_after_a_gap_with_unknown_commands_nothing_is_used():
+    recording = slow()
+    passed, finding = mended(recording.take(np.delete(np.arange(3000), np.r_[2100:2300])))
+    assert 'row 2302: 200 rows are missing' in finding and '2100 rows before it' in finding
+    assert same(passed, recording.take(slice(0, 2100)))
+
+
+def test_a_recording_whose_command_is_lost_early_is_refused():
+    text = refusal(slow().take(np.delete(np.arange(3000), np.r_[300:500])))
+    assert '200 rows are missing' in text
+
+
+def test_a_gap_within_a_hold_is_kept():
+    steps = np.repeat([0.0, 30.0, 60.0, 0.0], 1000)
+    recording = answered(steps).take(np.delete(np.arange(4000), np.r_[1300:1800]))
+    passed, finding = mended(recording)
+    assert finding.startswith('note: ') and 'count as held' in finding
+    assert same(passed, recording)
+
+
+def test_many_lost_rows_are_refused():
+    keep = np.random.default_rng(1).random(3000) > 0.2
+    assert 'rows are missing in' in refusal(slow().take(keep))
+
+
+def test_times_of_arrival_are_put_back_on_their_grid():
+    recording = slow(rate=1000.0)
+    passed, finding = mended(recording.replace(time=arrivals(recording.time, seed=2)))
+    assert 'jitter by' in finding
+    assert np.allclose(np.diff(passed.time), 1e-3, rtol=1e-5)
+
+
+def test_a_row_lost_among_late_arrivals_is_found():
+    recording = slow(rate=1000.0)
+    kept = np.delete(np.arange(3000), [1500])
+    passed, findings = checked(recording.replace(time=arrivals(recording.time, seed=3)).take(kept))
+    assert any('1 rows were lost in 1 places' in each for each in findings)
+    assert len(passed[0]) == 3000
+
+
+def test_late_arrivals_that_recover_are_not_lost_rows():
+    recording = slow(rate=1000.0)
+    times = arrivals(recording.time, seed=4)
+    times[800:820] = times[819] + 1e-6 * np.arange(20)
+    passed, findings = checked(recording.replace(time=np.maximum.accumulate(times)))
+    assert len(passed[0]) == 3000
+    assert not any('lost' in each for each in findings)
+
+
+def test_irregular_sampling_is_kept_as_it_is():
+    recording = slow()
+    time = np.cumsum(np.random.default_rng(5).uniform(0.5e-4, 1.5e-4, 3000))
+    time -= time[0]
+    passed, finding = mended(recording.replace(time=time))
+    assert finding.startswith('note: ') and 'sampled irregularly' in finding
+    assert np.array_equal(passed.time, time)
+
+
+def test_times_with_too_few_digits_are_spread_out():
+    recording = slow(rate=10e3)
+    passed, finding = mended(recording.replace(time=np.round(recording.time, 3)))
+    assert 'jitter' in finding
+    assert np.allclose(np.diff(passed.time), 1e-4, rtol=1e-3)
+
+
+def test_times_in_nanoseconds_since_1970_become_seconds_from_zero():
+    recording = slow()
+    passed, findings = checked(recording.replace(time=1.7e18 + 1e9 * recording.time))
+    assert any('taken as ns since 1970' in each for each in findings)
+    assert np.allclose(passed[0].time, recording.time, atol=1e-6)
+
+
+def test_rows_in_milliseconds_are_not_taken_for_seconds():
+    recording = slow(rate=1000.0)
+    assert '--unit time=ms' in refusal(recording.replace(time=recording.time * 1e6))
+    _, finding = mended(recording.replace(time=recording.time * 1e3))
+    assert finding.startswith('note: ') and '--unit time=ms' in finding
+
+
+def test_a_few_missing_samples_are_filled_in():
+    recording = slow()
+    values = recording.measured['charge'].copy()
+    values[[7, 800, 801]] = np.nan
+    passed, finding = mended(with_channel(recording, 'charge', values))
+    assert 'row 9: charge is missing in 3 of 3000 rows' in finding
+    assert np.allclose(passed.measured['charge'], recording.measured['charge'], atol=1e-6)
+
+
+def test_a_channel_that_is_mostly_missing_is_left_out():
+    recording = slow()
+    values = np.where(np.arange(3000) < 2000, recording.measured['charge'], np.nan)
+    passed, findings = checked(with_channel(recording, 'charge', values))
+    assert 'charge' not in passed[0].measured
+    assert any('row 2002: charge is missing in 1000 of 3000 rows' in each for each in findings)
+
+
+def test_a_slower_channel_is_interpolated_with_a_word():
+    recording = slow()
+    values = np.where(np.arange(3000) % 10 == 0, recording.measured['displacement'], np.nan)
+    passed, finding = mended(with_channel(recording, 'displacement', values))
+    assert 'measured every 10th row only' in finding
+    assert np.allclose(passed.measured['displacement'][:2990],
+                       recording.measured['displacement'][:2990], atol=1e-7)
+
+
+def test_commands_written_only_when_they_change_are_held():
+    steps = np.repeat([0.0, 30.0, 60.0, 0.0], 1000)
+    recording = answered(steps)
+    sparse = np.where(np.arange(4000) % 1000 == 0, steps, np.nan)
+    passed, finding = mended(recording.replace(command=sparse))
+    assert 'voltage_command is empty in 3996 rows' in finding
+    assert np.array_equal(passed.command, steps)
+
+
+def test_rows_without_numbers_count_as_lost():
+    recording = slow()
+    command = recording.command.copy()
+    command[[100, 2100]] = np.nan, np.inf
+    passed, findings = checked(recording.replace(command=command))
+    assert 'row 102: 2 rows lack a time or an input' in findings[0]
+    assert np.allclose(passed[0].command, recording.command, atol=1e-9)
+
+
+def test_a_dead_channel_is_left_out():
+    recording = slow()
+    passed, findings = checked(with_channel(recording, 'charge', np.full(3000, 0.125)))
+    assert 'charge is 0.125 in every row' in findings[0]
+    assert set(passed[0].measured) == {'voltage', 'displacement'}
+
+
+def test_a_channel_of_mere_noise_is_left_out():
+    recording = slow()
+    noise = 2e-9 * np.random.default_rng(6).standard_normal(3000)
+    passed, findings = checked(with_channel(recording, 'displacement', noise))
+    assert 'not connected?' in findings[0]
+    assert set(passed[0].measured) == {'voltage', 'charge'}
+
+
+def test_shorted_leads_show_no_voltage_and_that_is_no_dead_channel():
+    recording = pushed(height=0.0, drive='shorted', noise=0.0)
+    passed, findings = checked(recording)
+    assert not findings
+    assert set(passed[0].measured) == {'voltage', 'charge', 'displacement'}
+
+
+def test_a_clipped_channel_is_noted_with_its_first_row():
+    recording = slow()
+    clipped = np.minimum(recording.measured['displacement'], 9e-6)
+    passed, finding = mended(with_channel(recording, 'displacement', clipped))
+    first = 2 + int(np.argmax(clipped == 9e-6))
+    assert f'row {first}: displacement is cut off at 9e-06' in finding
+    assert np.array_equal(passed.measured['displacement'], clipped)
+
+
+def test_a_channel_that_the_recorder_repeated_is_noted():
+    recording = slow()
+    values = recording.measured['charge'].copy()
+    values[400:460] = values[400]
+    _, finding = mended(with_channel(recording, 'charge', values))
+    assert 'row 402: charge stands still at' in finding and '60 rows' in finding
+
+
+@pytest.mark.parametrize('channel, offset', [('charge', 2e-5), ('displacement', -3e-6)])
+def test_sensors_that_do_not_begin_at_zero_are_zeroed(channel, offset):
+    recording = slow()
+    passed, finding = mended(with_channel(
+        recording, channel, recording.measured[channel] + offset))
+    assert f'row 2: {channel} begins at' in finding
+    assert np.allclose(passed.measured[channel], recording.measured[channel], atol=3e-7)
+
+
+def test_an_offset_of_the_voltage_is_physics_and_stays():
+    recording = slow()
+    passed, finding = mended(with_channel(
+        recording, 'voltage', recording.measured['voltage'] + 5.0))
+    assert finding.startswith('note: ') and 'offset of the driver' in finding
+    assert np.allclose(passed.measured['voltage'][0], 5.0, atol=0.1)
+
+
+def test_a_recording_that_begins_under_voltage_is_noted():
+    recording = answered(40.0 + triangle(3000, 30.0))
+    passed, findings = checked(recording)
+    assert all(each.startswith('note: ') for each in findings) and len(findings) == 3
+    assert same(passed[0], recording)
+
+
+def test_a_step_in_the_very_first_row_is_no_offset():
+    recording = answered(np.full(500, 60.0), noise=0.0)
+    first = {name: np.r_[0.0, values[1:]] for name, values in recording.measured.items()}
+    _, findings = checked(recording.replace(measured=first))
+    assert not findings
+
+
+def test_a_recording_of_a_few_rows_is_refused():
+    assert 'only 10 rows' in refusal(slow().take(slice(0, 10)))
+
+
+def test_a_recording_without_measurements_is_refused_unless_it_is_to_be_simulated():
+    bare = slow().replace(measured={})
+    assert 'nothing was measured' in refusal(bare)
+    passed, _ = checked(bare, require_measured=False)
+    assert same(passed[0], bare)
+
+
+def test_a_copy_of_a_recording_does_not_count_twice():
+    recording = slow()
+    passed, findings = checked(recording, recording.replace(name='again', source='again.csv'))
+    assert [each.name for each in passed] == ['triangle']
+    assert any('again.csv: a copy of triangle.csv' in each for each in findings)
+
+
+def test_missing_channels_are_named_with_what_they_cost():
+    recording = slow()
+    lone = recording.replace(measured={'displacement': recording.measured['displacement']})
+    _, findings = checked(lone)
+    assert ['no recording has voltage' in findings[0], 'no recording has charge' in findings[1]] \
+        == [True, True]
+
+
+def test_a_refused_recording_leaves_the_others():
+    passed, findings = checked(slow(), pushed().take(slice(0, 5)))
+    assert [each.name for each in passed] == ['triangle']
+    assert any(each.startswith('refused: force.csv') for each in findings)
+
+
+def test_strict_preflight_raises_at_the_first_refusal():
+    with pytest.raises(InputError, match='refused: force.csv'):
+        preflight(set_of(slow(), pushed().take(slice(0, 5))), DEVICE, strict=True)
+
+
+def test_preflight_changes_nothing_it_is_given():
+    recording = slow()
+    wrong = with_channel(recording, 'displacement', -1e6 * recording.measured['displacement'])
+    before = {name: values.copy() for name, values in wrong.columns().items()}
+    preflight(set_of(wrong), DEVICE)
+    assert all(np.array_equal(before[name], values) for name, values in wrong.columns().items())
+
+
+def test_preflight_of_what_has_passed_finds_nothing_more():
+    recording = slow()
+    wrong = with_channel(recording, 'displacement', 3.0 - 1e6 * recording.measured['displacement'])
+    once, findings = preflight(set_of(wrong.take(np.delete(np.arange(3000), [77]))), DEVICE)
+    assert len(findings) == 4
+    twice, more = preflight(once, DEVICE)
+    assert not more and same(twice.recordings[0], once.recordings[0])
