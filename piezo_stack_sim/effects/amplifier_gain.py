@@ -1,7 +1,8 @@
 """
 Static gain and offset of the driver: v = (1 + gain_error) u + offset.
 
-EFFECTS.md 2A D3.  Everything behind the driver scales, voltage included.
+Everything behind the driver scales, voltage included (EFFECTS.md 2A D3: gain
+0.1 to 1 %, offset 10 to 100 mV).  A charge driver has the gain error only.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter
@@ -9,7 +10,8 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 
 def apply(model, gain_error, offset):
     """Scale and shift the command."""
-    model.map_command(lambda command: (1.0 + gain_error) * command + offset)
+    shift = offset if model.drive == 'voltage' else 0.0
+    model.map_command(lambda command: (1.0 + gain_error) * command + shift)
 
 
 EFFECT = Effect(

@@ -9,7 +9,7 @@ decade of time (EFFECTS.md 2A E1 (c), after Croft and Devasia 2001 and Kuhnen
 
 N_ref is the number of branches slower than ``reference_time``: a curve taken in
 about that time is the nominal one.  One decade then creeps by
-gamma = K_c / (dv/dq) of the charge, with dv/dq the large-signal stiffness.
+gamma = K_c / (dv/dq), with dv/dq the elastance of the stack at large signals.
 """
 
 import math
@@ -22,12 +22,9 @@ LONGEST = 1e3  # s
 
 def apply(model, gain_per_decade, reference_time):
     """Add one branch per decade of time."""
-    # The stiffness of the elements that stick at large signals (Eq. 18).
-    large = float(model.maxwell_k[-1])
-    k_c = gain_per_decade * large
-    count = round(math.log10(LONGEST / SHORTEST)) + 1
+    k_c = gain_per_decade * model.reference.elastance
     slower = 0
-    for i in range(count):
+    for i in range(round(math.log10(LONGEST / SHORTEST)) + 1):
         tau = SHORTEST * 10.0 ** i
         name = f'creep_{i}'
         model.add_state(name, {'charge': 1.0 / tau, name: -1.0 / tau})
@@ -41,7 +38,7 @@ EFFECT = Effect(
     'Charge and displacement go on growing with the logarithm of time after a change.',
     (
         Parameter('gain_per_decade', '1', 0.0, -0.005, 0.08, 0.015,
-                  'part of the large-signal stroke that is added in each decade of time'),
+                  'part of the stroke that each decade of time adds', runtime=False),
         Parameter('reference_time', 's', 0.1, 1e-3, 10.0, 0.1,
                   'time after which the nominal curve holds', scale='log', magnitude=False,
                   default=0.1, runtime=False),

@@ -9,11 +9,41 @@ import importlib
 from piezo_stack_sim.effects.base import Effect
 from piezo_stack_sim.errors import InputError
 
-# One line an effect; the order is that of the block picture, and effects are
-# applied in it.
+# One line an effect, in the order in which they are applied.
 _IDS = (
+    # drive
+    'command_delay',
+    'amplifier_bandwidth',
+    'amplifier_current_limit',
     'amplifier_gain',
+    'amplifier_saturation',
+    # electrical
     'creep',
+    'rate_dependent_hysteresis',
+    'asymmetric_hysteresis',
+    'leakage',
+    'initial_polarisation',
+    # transducer
+    'transducer_nonlinearity',
+    'transducer_ratio',
+    # mechanical
+    'added_mass',
+    'series_compliance',
+    'parallel_stiffness',
+    'stiffness_hardening',
+    'friction',
+    'mechanical_resonance',
+    'contact',
+    'mount_creep',
+    # environment
+    'thermal_drift',
+    'periodic_disturbance',
+    # sensor
+    'sensor_lag',
+    'sensor_delay',
+    'sensor_gain',
+    'sensor_nonlinearity',
+    'sensor_drift',
 )
 
 EFFECTS: dict[str, Effect] = {

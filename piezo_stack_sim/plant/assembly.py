@@ -22,6 +22,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant.reference import Reference
 
 
 @dataclass
@@ -36,8 +37,8 @@ class Model:
         (F) and transformer ratio (N/V), Table 1.
     maxwell_k, maxwell_v : numpy.ndarray, shape (n,)
         Stiffness (V/C) and break voltage (V) of the Maxwell elements, Table 2.
-    period : float
-        Nominal sample period (s).
+    reference : Reference
+        Scales of the actuator before any effect changed it.
     """
 
     m: float
@@ -47,6 +48,7 @@ class Model:
     T: float
     maxwell_k: np.ndarray
     maxwell_v: np.ndarray
+    reference: Reference
     drive: str = 'voltage'
     clamped: bool = False
     output_resistance: float = 0.0

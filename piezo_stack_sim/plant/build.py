@@ -7,6 +7,7 @@ import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant.assembly import Model
 from piezo_stack_sim.plant.parameters import Device
+from piezo_stack_sim.plant.reference import reference_of
 
 DRIVES = ('voltage', 'charge', 'open', 'shorted')
 
@@ -31,7 +32,7 @@ def build_model(device: Device, drive: str | None = None) -> Model:
         maxwell_k=np.array(actuator.maxwell_stiffness, dtype=float),
         maxwell_v=np.array(actuator.maxwell_break_voltage, dtype=float),
         drive=drive, clamped=load.clamped, load_mass=load.mass, load_damping=load.damping,
-        load_stiffness=load.stiffness)
+        load_stiffness=load.stiffness, reference=reference_of(actuator))
     if device.effects:
         from piezo_stack_sim.effects.registry import apply_effects
         apply_effects(model, device.effects)

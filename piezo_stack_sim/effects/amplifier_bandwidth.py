@@ -1,0 +1,32 @@
+"""
+A driver that is not infinitely fast: its own pole, and its output resistance.
+
+    time_constant du'/dt = u - u',        output_resistance dq/dt = u' - v
+
+The resistance forms a pole with the stack, 1/(2 pi R C), that moves with the
+amplitude because C does (EFFECTS.md 2A D1; Fleming and Leang 2014).  It acts
+where the driver is connected and controls the voltage.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, output_resistance, time_constant):
+    """Put the lag and the resistance between command and terminals."""
+    if model.drive != 'voltage':
+        return
+    if time_constant > 0.0:
+        model.drive_through('driver', 1.0 / time_constant)
+    model.output_resistance += output_resistance
+
+
+EFFECT = Effect(
+    'amplifier_bandwidth', 'drive',
+    'The voltage follows the command with a lag, from the driver itself and its resistance.',
+    (
+        Parameter('output_resistance', 'ohm', 0.0, 0.0, 1e4, 20.0,
+                  'resistance between driver and stack'),
+        Parameter('time_constant', 's', 0.0, 0.0, 0.05, 2e-5,
+                  'time constant of the driver without load'),
+    ),
+    apply, channels=('voltage', 'charge', 'displacement'))

@@ -1,0 +1,27 @@
+"""
+A driver that can deliver only so much current: |dq/dt| <= limit.
+
+Steps become ramps and fast sines triangles, from f = limit/(pi C V_pp) on
+(EFFECTS.md 2A D2).  Small signals pass unchanged.  An ideal source behind a
+limiter gets 1 ohm, which is faster than any recording.
+"""
+
+import math
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, limit):
+    """Limit the current of the driver."""
+    if model.drive == 'voltage':
+        model.current_limit = min(model.current_limit, limit)
+
+
+EFFECT = Effect(
+    'amplifier_current_limit', 'drive',
+    'The driver delivers at most a certain current, so that large fast changes become ramps.',
+    (
+        Parameter('limit', 'A', math.inf, 1e-3, 100.0, 0.1, 'largest current, both ways',
+                  scale='log'),
+    ),
+    apply, channels=('voltage', 'charge', 'displacement'))

@@ -1,0 +1,26 @@
+"""
+The rails of the driver: v = clip(u, lower, upper).
+
+Flat tops at the same voltage whatever came before (EFFECTS.md 2A D4; a PI
+E-500 gives -20 to 120 V, a Thorlabs MDT693 set for small stacks 0 to 75 V).
+"""
+
+import math
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, lower, upper):
+    """Clip the command of a voltage driver."""
+    if model.drive == 'voltage':
+        model.map_command(lambda command: command.clip(lower, upper))
+
+
+EFFECT = Effect(
+    'amplifier_saturation', 'drive',
+    'The driver clips voltages beyond its rails.',
+    (
+        Parameter('lower', 'V', -math.inf, -1000.0, 50.0, 0.0, 'lowest voltage'),
+        Parameter('upper', 'V', math.inf, 1.0, 2000.0, 75.0, 'highest voltage', scale='log'),
+    ),
+    apply, channels=('voltage', 'charge', 'displacement'))

@@ -1,0 +1,40 @@
+"""
+A saturating, asymmetric ceramic: the loop is bowed.
+
+The reversible last element of the Maxwell capacitor becomes a polynomial
+(Oezer and Royston 2001; EFFECTS.md 2A E5 (a)).  With s = q/q_full, and V_full,
+q_full the end of the first rise:
+
+    v_bow = -V_full (4 quadratic s (1 - s) + 2.598 cubic s (1 - s^2))
+
+Both terms vanish at s = 0 and 1 and reach 1 between: the numbers are departures
+from the straight line, as fractions of the full voltage.
+"""
+
+import math
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+WAVE = 1.5 * math.sqrt(3.0)  # s (1 - s^2) reaches 1/WAVE
+
+
+def apply(model, quadratic, cubic):
+    """Bow the voltage over the charge."""
+    volts, charge = model.reference.voltage, model.reference.charge
+    model.add_opposing_voltage({'charge': -(4.0 * quadratic + WAVE * cubic) * volts / charge})
+    v2, v3 = model.smooth_voltage
+    model.smooth_voltage = (v2 + 4.0 * quadratic * volts / charge ** 2,
+                            v3 + WAVE * cubic * volts / charge ** 3)
+
+
+EFFECT = Effect(
+    'asymmetric_hysteresis', 'electrical',
+    'The loop of charge and displacement over voltage is bowed: rise and fall differ in shape.',
+    (
+        Parameter('quadratic', '1', 0.0, -0.1, 0.1, 0.03,
+                  'bow of voltage over charge; positive: more charge at half the voltage',
+                  runtime=False),
+        Parameter('cubic', '1', 0.0, -0.04, 0.04, 0.0,
+                  'S shape of voltage over charge, equal for both signs', runtime=False),
+    ),
+    apply, channels=('charge', 'displacement'))

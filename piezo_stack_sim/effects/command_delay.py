@@ -1,0 +1,22 @@
+"""
+Dead time between the command and the driver: v(t) = u(t - delay).
+
+Converters, buffers and transport take one to two sample periods (EFFECTS.md
+2A D7).  The gain stays, the phase grows in proportion with the frequency.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, delay):
+    """Delay the command."""
+    model.command_delay += delay
+
+
+EFFECT = Effect(
+    'command_delay', 'drive',
+    'The command reaches the driver some time after it was given.',
+    (
+        Parameter('delay', 's', 0.0, 0.0, 0.05, 1.5e-4, 'time from command to driver'),
+    ),
+    apply, channels=('voltage', 'charge', 'displacement'))

@@ -1,0 +1,28 @@
+"""
+A one-sided stop: F = -stiffness (x - gap) beyond the gap, nothing before it.
+
+EFFECTS.md 2D M5, 2E L1.  The stroke above the gap is cut, and the stack rings
+differently there; what it still delivers goes into force and charge.
+"""
+
+import math
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, gap, stiffness):
+    """Put a stop in the way."""
+    model.contact_gap = gap
+    model.contact_stiffness = stiffness
+
+
+EFFECT = Effect(
+    'contact', 'mechanical',
+    'The moving end meets a stop and pushes against it from there on.',
+    (
+        Parameter('gap', 'm', math.inf, 1e-8, 1e-3, 8e-6, 'way from rest to the stop',
+                  scale='log', runtime=False),
+        Parameter('stiffness', 'N/m', 5e7, 1e5, 1e9, 5e7, 'stiffness of the stop', scale='log',
+                  magnitude=False, default=5e7, runtime=False),
+    ),
+    apply, channels=('charge', 'displacement'))

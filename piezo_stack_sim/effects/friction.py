@@ -1,0 +1,29 @@
+"""
+Dry friction of a guide: an elasto-slip element on the displacement.
+
+    F = -clip(F_prev + sigma dx, +-coulomb_force),     sigma = coulomb_force/presliding
+
+The same operator as Eqs. 3 and 4, in displacement (Dahl; EFFECTS.md 2D M7:
+cross-roller guides 1 to 20 N).  Position lags the charge at every reversal.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, coulomb_force, presliding):
+    """Add the element between the moving end and ground."""
+    model.friction_force += coulomb_force
+    model.friction_stiffness = model.friction_force / presliding
+
+
+EFFECT = Effect(
+    'friction', 'mechanical',
+    'A guide rubs: the position sticks at each reversal, whatever the speed.',
+    (
+        Parameter('coulomb_force', 'N', 0.0, 0.0, 50.0, 5.0, 'force while sliding',
+                  runtime=False),
+        Parameter('presliding', 'm', 5e-8, 1e-8, 2e-6, 5e-8,
+                  'displacement before it slides', scale='log', magnitude=False, default=5e-8,
+                  runtime=False),
+    ),
+    apply, channels=('charge', 'displacement'))

@@ -1,0 +1,26 @@
+"""
+A stack that was not relaxed when the recording began.
+
+It had been led slowly to a voltage and back to zero, and the sensors were
+zeroed there: the blocks of Eq. 16 start where that left them.  The first cycle
+differs, later ones close on it (EFFECTS.md 2A E4: 2.2 to 2.4 um remanence).
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, peak_voltage):
+    """Start from the remanence of an earlier peak, at most that of the full range."""
+    full = model.reference.voltage
+    model.previous_peak_voltage = max(-full, min(peak_voltage, full))
+
+
+EFFECT = Effect(
+    'initial_polarisation', 'electrical',
+    'The stack was used before: it starts with remanent polarisation, the sensors zeroed there.',
+    (
+        Parameter('peak_voltage', 'V', 0.0, -200.0, 200.0, 90.0,
+                  'voltage it had been led to before and back; beyond the range the range counts',
+                  runtime=False),
+    ),
+    apply, channels=('charge', 'displacement'))

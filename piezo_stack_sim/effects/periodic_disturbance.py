@@ -1,0 +1,43 @@
+"""
+Mains hum, floor vibration, a pump: one line at a fixed frequency.
+
+    x_read = x + displacement sin(2 pi frequency t + phase)
+    F      = F_ext + force sin(2 pi frequency t + phase),     t since the start
+
+EFFECTS.md 2G V1, V2: 1 to 50 nm on a position sensor.  Not caused by the command,
+so that it shows at rest as well.
+"""
+
+import math
+
+import numpy as np
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, displacement, force, frequency, phase):
+    """Add the line to the reading, and to the force as a swinging pair of states."""
+    omega = 2.0 * math.pi * frequency
+    if displacement != 0.0:
+        model.map_reading(
+            lambda reading, time, charge: reading + displacement * np.sin(omega * time + phase))
+    if force != 0.0:
+        model.add_state('disturbance_sine', {'disturbance_cosine': omega}, math.sin(phase))
+        model.add_state('disturbance_cosine', {'disturbance_sine': -omega}, math.cos(phase))
+        model.add_force({'disturbance_sine': force})
+        model.slow_rates.append(omega)
+
+
+EFFECT = Effect(
+    'periodic_disturbance', 'environment',
+    'Hum or vibration shakes the reading, or the stack, at one frequency.',
+    (
+        Parameter('displacement', 'm', 0.0, 0.0, 1e-5, 2e-8, 'amplitude seen by the sensor'),
+        Parameter('force', 'N', 0.0, 0.0, 1e3, 0.0, 'amplitude of the force on the moving end',
+                  runtime=False),
+        Parameter('frequency', 'Hz', 50.0, 0.01, 1e4, 50.0, 'frequency of the line', scale='log',
+                  magnitude=False, default=50.0, runtime=False),
+        Parameter('phase', 'rad', 0.0, -math.pi, math.pi, 0.0, 'phase at the start',
+                  magnitude=False, default=0.0, runtime=False),
+    ),
+    apply, channels=('displacement',))

@@ -1,0 +1,41 @@
+"""
+Losses of the ceramic that grow with the rate: the v-q loop opens with frequency.
+
+A resistance inside the stack, and a ladder of fast dashpot branches that makes
+the capacitance fall with the logarithm of the frequency (EFFECTS.md 2A E2):
+
+    v = v_t + v_rc + R dq/dt + sum_i K_d (q - g_i),     dg_i/dt = (q - g_i) / tau_i
+
+with K_d = dispersion * (dv/dq at large signals) and tau_i = 3 us ... 3 ms.  The
+terminal voltage follows the command: only what lies behind it is late.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+TIMES = (3e-6, 3e-5, 3e-4, 3e-3)  # s; 50 Hz to 50 kHz
+
+
+def apply(model, resistance, dispersion):
+    """Add the resistance and the ladder behind the terminals."""
+    model.internal_resistance += resistance
+    if dispersion == 0.0:
+        return
+    k_d = dispersion * model.reference.elastance
+    for i, tau in enumerate(TIMES):
+        name = f'dispersion_{i}'
+        model.add_state(name, {'charge': 1.0 / tau, name: -1.0 / tau})
+        model.add_opposing_voltage({'charge': k_d, name: -k_d})
+        model.fast_rates.append(1.0 / tau)
+
+
+EFFECT = Effect(
+    'rate_dependent_hysteresis', 'electrical',
+    'The loop between voltage and charge widens with frequency.',
+    (
+        Parameter('resistance', 'ohm', 0.0, 0.0, 1e4, 10.0,
+                  'resistance inside the stack, behind the terminals'),
+        Parameter('dispersion', '1', 0.0, 0.0, 0.1, 0.01,
+                  'part of the capacitance lost in each decade of frequency above 50 Hz',
+                  runtime=False),
+    ),
+    apply, channels=('charge', 'displacement'))

@@ -1,0 +1,22 @@
+"""
+A position sensor whose zero wanders: x_m = x + rate t, t since the start.
+
+EFFECTS.md 2F S4: strain gauges 50 to 500 nm/h, and capacitive sensors 5 to 50
+nm/K; seen with the stack at rest or disconnected too.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, rate):
+    """Let the zero of the reading run away."""
+    model.map_reading(lambda reading, time, charge: reading + rate * time)
+
+
+EFFECT = Effect(
+    'sensor_drift', 'sensor',
+    'The zero of the position sensor drifts steadily.',
+    (
+        Parameter('rate', 'm/s', 0.0, -1e-6, 1e-6, 1e-10, 'drift of the zero'),
+    ),
+    apply, channels=('displacement',))

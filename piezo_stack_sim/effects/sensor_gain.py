@@ -1,0 +1,22 @@
+"""
+A position sensor with a wrong scale: x_m = (1 + gain_error) x.
+
+EFFECTS.md 2F S3: capacitive 0.05 %, strain gauge 0.1 to 0.5 %, laser 0.1 to 1 %,
+a wrong calibration any number.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, gain_error):
+    """Scale the reading."""
+    model.map_reading(lambda reading, time, charge: (1.0 + gain_error) * reading)
+
+
+EFFECT = Effect(
+    'sensor_gain', 'sensor',
+    'The position sensor multiplies by a slightly wrong number.',
+    (
+        Parameter('gain_error', '1', 0.0, -0.5, 0.5, 0.02, 'relative error of the scale'),
+    ),
+    apply, channels=('displacement',))

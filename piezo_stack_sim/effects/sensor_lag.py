@@ -1,0 +1,23 @@
+"""
+The bandwidth of the position sensor: time_constant dx_m/dt = x - x_m.
+
+EFFECTS.md 2F S1: capacitive sensors up to 1 kHz, strain gauges 5 kHz.  The q-x
+loop opens in proportion with the frequency while u, v and q agree.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, time_constant):
+    """Read through a first-order lag."""
+    model.read_through('sensor', 1.0 / time_constant)
+
+
+EFFECT = Effect(
+    'sensor_lag', 'sensor',
+    'The position sensor is slow: fast motion reads late and too small.',
+    (
+        Parameter('time_constant', 's', 0.0, 0.0, 0.1, 1.6e-4,
+                  'time constant; bandwidth is 1/(2 pi time_constant)'),
+    ),
+    apply, channels=('displacement',))

@@ -1,0 +1,37 @@
+"""
+A position sensor that is not linear; its error is a function of position alone.
+
+    x_m = x + x_full (4 quadratic s (1 - s) + 2.598 cubic s (1 - s^2)),     s = x/x_full
+
+Both terms vanish at both ends of the stroke and reach 1 between, as a catalogue
+states linearity (EFFECTS.md 2F S3: 0.05 to 1 %).
+"""
+
+import math
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+WAVE = 1.5 * math.sqrt(3.0)  # s (1 - s^2) reaches 1/WAVE
+
+
+def apply(model, quadratic, cubic):
+    """Bow the reading over the position."""
+    full = model.reference.stroke
+
+    def bow(reading, time, charge):
+        s = reading / full
+        return reading + full * s * (4.0 * quadratic * (1.0 - s) + WAVE * cubic * (1.0 - s * s))
+
+    model.map_reading(bow)
+
+
+EFFECT = Effect(
+    'sensor_nonlinearity', 'sensor',
+    'The scale of the position sensor varies along the stroke.',
+    (
+        Parameter('quadratic', '1', 0.0, -0.1, 0.1, 0.01,
+                  'departure from the straight line in the middle, part of the full stroke'),
+        Parameter('cubic', '1', 0.0, -0.1, 0.1, 0.0,
+                  'S-shaped departure, equal for both signs, part of the full stroke'),
+    ),
+    apply, channels=('displacement',))

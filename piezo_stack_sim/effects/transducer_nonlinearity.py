@@ -1,0 +1,32 @@
+"""
+Displacement is not quite proportional to charge (electrostriction).
+
+    x = a q + curvature * 4 s (1 - s) x_full,     s = q/q_full
+
+The term vanishes at s = 0 and 1: ``curvature`` is the departure from the
+straight line at half the charge, as a fraction of the full stroke (EFFECTS.md
+2C T1: 1 to 5 %).  What a charge drive leaves of the loop.
+"""
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+
+
+def apply(model, curvature):
+    """Bow the displacement over the charge."""
+    full, scale = model.reference.charge, 4.0 * curvature * model.reference.stroke
+
+    def bow(reading, time, charge):
+        s = charge / full
+        return reading + scale * s * (1.0 - s)
+
+    model.map_reading(bow)
+
+
+EFFECT = Effect(
+    'transducer_nonlinearity', 'transducer',
+    'The displacement over the charge is bowed instead of straight.',
+    (
+        Parameter('curvature', '1', 0.0, -0.1, 0.1, 0.03,
+                  'departure from proportional at half the charge, part of the full stroke'),
+    ),
+    apply, channels=('displacement',))
