@@ -138,7 +138,7 @@ def thinned(source, kept, step):
     """Return the Finding about a recording of which only every `step`-th row was kept."""
     return Finding(
         source, None, NOTE,
-        f'larger than {8 * MAX_VALUES / 1e6:.0f} MB of numbers: every {step}th row was kept, '
+        f'larger than {8 * MAX_VALUES / 1e6:.0f} MB of numbers: one row in {step} was kept, '
         f'{kept} of them; what is faster than half their rate is folded',
         'cut the file into shorter recordings to use every row',
     )

@@ -292,6 +292,7 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
         findings += more
     columns, rows, more = _before_the_first(source, columns, rows, stream, collector.first_held)
     findings += more
+    columns['time'] = columns['time'] - columns['time'][0]
     # No force was published before the first one.
     if 'external_force' in columns:
         columns['external_force'] = np.nan_to_num(columns['external_force'], nan=0.0)
