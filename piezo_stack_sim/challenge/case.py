@@ -7,7 +7,6 @@ import numpy as np
 from piezo_stack_sim.challenge import noise, programmes
 from piezo_stack_sim.challenge.device import respond, Unit
 from piezo_stack_sim.challenge.foreign import FOREIGN
-from piezo_stack_sim.challenge.hidden import Context
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.challenge.stack import Stack
 
@@ -47,11 +46,13 @@ def schedule(sets, seed):
     """
     Return for each set its kind and the ids hidden in it: a list of (kind, tuple of id).
 
-    Single effects go round the whole list before one comes again.
+    Kinds come in their shares, rounded; single effects go round the whole list before one comes
+    again.
 
     """
     random = np.random.default_rng([seed, 0x5C4ED])
-    kinds = random.choice(list(KINDS), size=sets, p=list(KINDS.values()))
+    edges = np.round(sets * np.cumsum(list(KINDS.values()))).astype(int)
+    kinds = random.permutation(np.repeat(list(KINDS), np.diff(edges, prepend=0)))
     decks = {'one': [], 'absent': []}
     sources = {'one': sorted(KNOWN), 'absent': sorted(FOREIGN)}
     out = []
@@ -116,7 +117,7 @@ def difference(setting, some, others):
 
 
 def sensitivities(setting, recordings):
-    """Return what one per cent more of each nominal parameter changes, and the file's responses."""
+    """Return what 1 % more of each nominal parameter changes, and the file's own responses."""
     device = Unit(stack=setting.file)
     base = responses(device, recordings)
     moved = []

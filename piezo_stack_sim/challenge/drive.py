@@ -1,4 +1,4 @@
-"""From the command to the open-circuit voltage of the amplifier: what a driver does to a command."""
+"""From the command to the open-circuit voltage of the amplifier: what a driver makes of it."""
 
 from dataclasses import dataclass
 

@@ -14,8 +14,8 @@ class Hidden:
 
     Attributes
     ----------
-    id, block : str
-        As in the library where the library has it.
+    key, block : str
+        Id and block as in the library, where the library has it.
     form : str
         The functional form, in words.
     channels : tuple of str
@@ -31,7 +31,7 @@ class Hidden:
 
     """
 
-    id: str
+    key: str
     block: str
     form: str
     channels: tuple

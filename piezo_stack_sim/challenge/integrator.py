@@ -198,8 +198,9 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                     dq = charge_step(p, z, state[Q], 0.0, x, 0.0, heat, rate_scale, state[RING])
                     slip(p, z, dq, 0.0, rate_scale)
                     state[Q] += dq
-                pull = mechanical_force(p, state[Q], x, state[BRISTLE], relaxed, heat, force)
-                acceleration = (pull + pull_of_bodies(p, state, x) - viscosity * state[SPEED]) / p.m
+                pull = (mechanical_force(p, state[Q], x, state[BRISTLE], relaxed, heat, force)
+                        + pull_of_bodies(p, state, x))
+                acceleration = (pull - viscosity * state[SPEED]) / p.m
             fresh = False
             if not calm:
                 amplify(p, state, source, h)

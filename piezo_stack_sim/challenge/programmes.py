@@ -51,7 +51,7 @@ def smooth(t, start, length):
 
 
 def triangle(plan):
-    """Two periods at each peak voltage."""
+    """Return two periods at each peak voltage."""
     t = rows(plan.triangle_rate, 2 * len(plan.triangle_peaks) / plan.triangle_frequency)
     per_period = int(round(plan.triangle_rate / plan.triangle_frequency))
     row = np.arange(t.size)
@@ -60,7 +60,7 @@ def triangle(plan):
 
 
 def decay(plan):
-    """A sine about a bias that dies away, faded in at the beginning."""
+    """Return a sine about a bias that dies away, faded in at the beginning."""
     period = 1.0 / plan.decay_frequency
     t = rows(plan.decay_rate, 30 * period)
     swing = np.exp(-t / (8 * period)) * np.sin(2.0 * np.pi * plan.decay_frequency * t)
@@ -68,7 +68,7 @@ def decay(plan):
 
 
 def steps(plan):
-    """Levels held for seconds, with smooth ramps of 0.2 s between them."""
+    """Return levels held for seconds, with smooth ramps of 0.2 s between them."""
     t = rows(plan.steps_rate, plan.steps_hold * len(plan.steps_levels))
     u = np.full_like(t, plan.steps_levels[0])
     for i in range(1, len(plan.steps_levels)):
@@ -78,7 +78,7 @@ def steps(plan):
 
 
 def multisine(plan):
-    """About fifty tones, evenly spread over the logarithm of frequency, repeated every 0.1 s."""
+    """Return fifty tones, evenly spread over log frequency, that repeat every 0.1 s."""
     t = rows(plan.multisine_rate, 0.3)
     tones = np.unique(np.round(np.geomspace(20.0, plan.multisine_top, 60), -1))
     phases = np.random.default_rng(plan.phases).uniform(0.0, 2.0 * np.pi, tones.size)
@@ -88,7 +88,7 @@ def multisine(plan):
 
 
 def force(plan):
-    """A pushing force at constant voltage."""
+    """Return a pushing force at constant voltage."""
     period = 1.0 / plan.force_frequency
     t = rows(plan.force_rate, 0.1 + 4 * period)
     push = -0.5 * plan.force_peak * (1.0 - np.cos(2.0 * np.pi * (t - 0.1) / period))

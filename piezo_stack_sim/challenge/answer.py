@@ -1,0 +1,163 @@
+"""Lets a diagnosis answer every set of a batch, without the labels; resumable, in parallel."""
+
+from concurrent.futures import as_completed, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+import hashlib
+import io
+import json
+import multiprocessing
+from pathlib import Path
+import time
+import traceback
+
+from piezo_stack_sim.atomic import atomic_path, write_text
+from piezo_stack_sim.errors import InputError
+
+#: Folders whose code has no say in an answer.
+NO_SAY = ('challenge', 'commands', 'examples', 'node')
+
+
+def code_version():
+    """Return a hash of all code and data of the package that can influence an answer."""
+    package = Path(__file__).resolve().parents[1]
+    total = hashlib.sha256()
+    for path in sorted(package.rglob('*')):
+        inside = path.relative_to(package)
+        if path.suffix in {'.py', '.json', '.npz', '.yaml'} and inside.parts[0] not in NO_SAY:
+            total.update(inside.as_posix().encode() + b'\0' + path.read_bytes())
+    return total.hexdigest()
+
+
+def set_names(public):
+    """Return the sets of a public folder; raises InputError when it is none."""
+    path = Path(public) / 'challenge.json'
+    if not path.is_file():
+        raise InputError(f'{path}: no such file; expected a folder made by `challenge make`')
+    return json.loads(path.read_text())['sets']
+
+
+def answer(public, diagnose, jobs=None, again=False, progress=None):
+    """
+    Write ``answers/<set>.json`` for every set of a public folder.
+
+    Parameters
+    ----------
+    public : str or Path
+    diagnose : callable
+        ``diagnose(set_folder, parameter_file) -> (diagnosis, predictions)``, importable by
+        worker processes: a dict in the form of diagnosis.json, and a dict of thinned traces to
+        compare with the truth (may be empty).
+    jobs : int, optional
+        Processes; as many as there are cores by default.
+    again : bool
+        Replace answers that other code has given.
+    progress : callable, optional
+        Called with the number of finished sets.
+
+    Returns
+    -------
+    str
+        The version of the code that answered.
+
+    Raises
+    ------
+    InputError
+        When there are answers of other code.
+
+    """
+    public = Path(public)
+    names = set_names(public)
+    version = code_version()
+    waiting = []
+    for name in names:
+        run = run_of(public, name)
+        if run is None or again and run['code'] != version:
+            waiting.append(name)
+        elif run['code'] != version:
+            raise InputError(f'{public}/answers/{name}.json: given by other code '
+                             f'({run["code"][:12]}, now {version[:12]}); --again replaces it')
+    finished = len(names) - len(waiting)
+    context = multiprocessing.get_context('spawn')
+    while waiting:
+        # A worker that dies breaks the pool but costs no finished answer.
+        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+            futures = {pool.submit(answer_set, public, name, diagnose, version): name
+                       for name in waiting}
+            if progress:
+                progress(finished)
+            lost = None
+            for future in as_completed(futures):
+                try:
+                    future.result()
+                except BrokenProcessPool:
+                    lost = futures[future]
+                    continue
+                finished += 1
+                if progress:
+                    progress(finished)
+        left = [name for name in waiting if run_of(public, name) is None]
+        if lost and len(left) == len(waiting):
+            raise InputError(f'{public}/{lost}: the process that diagnoses it keeps dying; '
+                             'try fewer --jobs')
+        waiting = left if lost else []
+    return version
+
+
+def run_of(public, name):
+    """Return the record of an answer (dict), or None when there is none yet."""
+    path = Path(public) / 'answers' / f'{name}.run.json'
+    return json.loads(path.read_text()) if path.is_file() else None
+
+
+def answer_set(public, name, diagnose, version):
+    """Diagnose one set and write answer, predictions and record; a failure is an answer too."""
+    import numpy as np
+    folder = public / 'answers'
+    started = time.perf_counter()
+    failure, predictions = None, {}
+    try:
+        diagnosis, predictions = diagnose(public / name, public / 'devices' / f'{name}.yaml')
+    except Exception as error:  # one broken set must not cost the others
+        failure = f'{type(error).__name__}: {error}'
+        diagnosis = {'verdict': 'NOT_IDENTIFIABLE', 'error': failure,
+                     'traceback': traceback.format_exc()}
+    seconds = time.perf_counter() - started
+    text = json.dumps(diagnosis, indent=1) + '\n'
+    write_text(folder / f'{name}.json', text)
+    if predictions:
+        stream = io.BytesIO()
+        np.savez_compressed(stream, **predictions)
+        with atomic_path(folder / f'{name}.npz') as partial:
+            partial.write_bytes(stream.getvalue())
+    write_text(folder / f'{name}.run.json', json.dumps({
+        'code': version, 'seconds': seconds, 'failure': failure,
+        'sha256': hashlib.sha256(text.encode()).hexdigest()}) + '\n')
+
+
+def read_answers(public):
+    """
+    Return the answers of a public folder: dict of set name to (diagnosis, record).
+
+    Raises
+    ------
+    InputError
+        When an answer is missing, was changed after it was given, or is from other code than
+        the rest.
+
+    """
+    public = Path(public)
+    out = {}
+    for name in set_names(public):
+        run, path = run_of(public, name), public / 'answers' / f'{name}.json'
+        if run is None or not path.is_file():
+            raise InputError(f'{path}: no answer yet; run `challenge answer` first')
+        content = path.read_bytes()
+        if hashlib.sha256(content).hexdigest() != run['sha256']:
+            raise InputError(f'{path}: changed after it was given (hash differs); '
+                             'delete its .run.json and answer again')
+        out[name] = (json.loads(content), run)
+    versions = {run['code'] for _, run in out.values()}
+    if len(versions) > 1:
+        raise InputError(f'{public}/answers: given by {len(versions)} versions of the code; '
+                         'answer with --again')
+    return out

@@ -1,0 +1,161 @@
+"""Judges one answer against what was hidden: which questions were put, which were got right."""
+
+import numpy as np
+
+from piezo_stack_sim.challenge.foreign import FOREIGN
+from piezo_stack_sim.challenge.known import KNOWN
+
+BLOCK = {key: effect.block for key, effect in {**KNOWN, **FOREIGN}.items()}
+#: Upper edges of the magnitude classes: rms over noise, after calibration.
+MAGNITUDES = ((1.0, 'below noise'), (3.0, '1 to 3'), (10.0, '3 to 10'), (30.0, '10 to 30'),
+              (float('inf'), 'above 30'))
+
+
+def first(answer):
+    """Return the ids of the candidate that an answer ranks first: a tuple, empty if none."""
+    causes = answer.get('causes') or []
+    return tuple(causes[0]['effect'].split('+')) if causes else ()
+
+
+def named(answer):
+    """Return the effects that an answer commits itself to, in order."""
+    if answer['verdict'] not in {'CAUSE', 'MULTIPLE', 'AMBIGUOUS'}:
+        return ()
+    return first(answer) or tuple(answer.get('selected', ()))
+
+
+def candidates(answer):
+    """Return the set of effects that an answer leaves open."""
+    if answer['verdict'] not in {'CAUSE', 'MULTIPLE', 'AMBIGUOUS'}:
+        return set(answer.get('ambiguity_set') or ())
+    return set(named(answer)[:1]) | set(answer.get('selected') or ()) | set(
+        answer.get('ambiguity_set') or ())
+
+
+def magnitude(label):
+    """Return the class of magnitude of what is hidden, or None."""
+    if not label['effects']:
+        return None
+    size = min(max(effect['over_noise_calibrated'].values()) for effect in label['effects'])
+    return next(name for limit, name in MAGNITUDES if size < limit)
+
+
+def unit(label):
+    """Return in what the unit differs from its parameter file."""
+    if label['curve']['scattered']:
+        return 'parameters and curve'
+    return 'parameters' if any(label['scatter'].values()) else 'nothing'
+
+
+def judge(label, answer, shrinkage=None):
+    """
+    Judge one answer.
+
+    Parameters
+    ----------
+    label : dict
+        As in the label file.
+    answer : dict
+        As in diagnosis.json.
+    shrinkage : dict, optional
+        ``{channel: true S}``.
+
+    Returns
+    -------
+    dict
+        One entry a question; None where it does not arise. `answered` and `hidden` are the
+        column and the row of the confusion matrix.
+
+    """
+    truth = [effect['id'] for effect in label['effects']]
+    kind, verdict = label['kind'], answer['verdict']
+    names, open_set = named(answer), candidates(answer)
+    block = (answer.get('where') or {}).get('block')
+    one, two, absent = kind == 'one', kind == 'two', kind == 'absent'
+    lookalikes = {name for effect in label['effects'] for name in effect['lookalikes']}
+    ranked = first(answer)
+    top = (answer.get('causes') or [{}])[0]
+    row = {
+        'kind': kind, 'hidden': truth, 'verdict': verdict,
+        'channels': '+'.join(label['channels']), 'magnitude': magnitude(label),
+        'unit': unit(label),
+        'detected': verdict != 'NO_GAP' if truth else None,
+        'false_alarm': verdict != 'NO_GAP' if not truth else None,
+        'effect': names[:1] == tuple(truth) if one else None,
+        'ranked_first': ranked[:1] == tuple(truth) if one else None,
+        'block': block == BLOCK[truth[0]] if one or absent else (
+            block in {BLOCK[name] for name in truth} if two else None),
+        'covered': truth[0] in open_set if one else None,
+        'set_size': len(open_set) if one and open_set else None,
+        'both': set(truth) <= (set(names) | set(answer.get('selected') or ())) if two else None,
+        'either': bool(set(truth) & open_set | set(truth) & set(names)) if two else None,
+        'unknown': verdict == 'UNKNOWN' if absent else None,
+        'unknown_or_lookalike': (verdict == 'UNKNOWN' or bool(lookalikes & open_set)
+                                 if absent else None),
+        'unknown_block': (verdict == 'UNKNOWN' and block == BLOCK[truth[0]]
+                          if absent else None),
+        'false_unknown': verdict == 'UNKNOWN' if one or two else None,
+        'right': right(kind, truth, verdict, names, open_set),
+        'answered': names[0] if names else verdict,
+        'probability': top.get('probability'),
+        'probability_right': set(ranked) == set(truth) if ranked else None,
+        'confidence': answer.get('confidence'),
+    }
+    row['shrinkage'] = compare_shrinkage(answer, shrinkage or {})
+    return row
+
+
+def right(kind, truth, verdict, names, open_set):
+    """Tell whether the verdict and what it names are right as a whole."""
+    if kind == 'none':
+        return verdict == 'NO_GAP'
+    if kind == 'absent':
+        return verdict == 'UNKNOWN'
+    if verdict == 'AMBIGUOUS':
+        return set(truth) <= open_set
+    return set(truth) == set(names)
+
+
+def compare_shrinkage(answer, true):
+    """Return claimed and true S by channel, for the channels in which an answer claims any."""
+    out = {}
+    for channel, entry in (answer.get('shrinkage') or {}).items():
+        if channel not in true or not isinstance(entry, dict) or entry.get('S') is None:
+            continue
+        low, high = entry.get('ci') or (None, None)
+        bounded = low is not None and high is not None
+        out[channel] = {'claimed': entry['S'], 'true': true[channel],
+                        'inside': low <= true[channel] <= high if bounded else None}
+    return out
+
+
+def true_shrinkage(answer, truth, predictions):
+    """
+    Return the true S by channel: noise-free errors before and after, of what was predicted.
+
+    Parameters
+    ----------
+    answer : dict
+        Names under ``shrinkage.withheld`` the recordings to judge by; all when it names none.
+    truth, predictions : mapping of str to (n,) array
+        ``true/<recording>/<channel>`` and ``before/...``, ``after/...``, the same rows.
+
+    """
+    withheld = (answer.get('shrinkage') or {}).get('withheld') or []
+    recordings = sorted({key.split('/')[1] for key in truth})
+    chosen = [name for name in recordings if name in withheld] or recordings
+    errors = {}
+    for key in truth:
+        kind, recording, channel = key.split('/')
+        if kind != 'true' or recording not in chosen:
+            continue
+        before = predictions.get(f'before/{recording}/{channel}')
+        after = predictions.get(f'after/{recording}/{channel}')
+        if before is None or after is None:
+            continue
+        real = np.asarray(truth[key], dtype=float)
+        sums = errors.setdefault(channel, [0.0, 0.0])
+        sums[0] += float(np.sum((real - before) ** 2))
+        sums[1] += float(np.sum((real - after) ** 2))
+    return {channel: 1.0 - after / before for channel, (before, after) in errors.items()
+            if before > 0.0}

@@ -1,0 +1,80 @@
+"""Rates with their uncertainty, and how honest stated probabilities are."""
+
+import math
+
+import numpy as np
+
+Z = 1.959964  # two-sided 95 %
+
+
+def wilson(hits, of):
+    """
+    Return a rate with its Wilson score interval (95 %).
+
+    Parameters
+    ----------
+    hits, of : int
+
+    Returns
+    -------
+    dict
+        hits, of, rate, low, high; rate and interval are None for an empty sample.
+
+    """
+    if of == 0:
+        return {'hits': 0, 'of': 0, 'rate': None, 'low': None, 'high': None}
+    p = hits / of
+    centre = p + Z * Z / (2 * of)
+    spread = Z * math.sqrt(p * (1 - p) / of + Z * Z / (4 * of * of))
+    scale = 1 + Z * Z / of
+    return {'hits': int(hits), 'of': int(of), 'rate': p,
+            'low': max(0.0, (centre - spread) / scale),
+            'high': min(1.0, (centre + spread) / scale)}
+
+
+def rate(outcomes):
+    """Return the Wilson rate of an iterable of truth values; None does not count."""
+    counted = [bool(outcome) for outcome in outcomes if outcome is not None]
+    return wilson(sum(counted), len(counted))
+
+
+def calibration(probabilities, outcomes, bins=10):
+    """
+    Return how stated probabilities compare with what came true.
+
+    Parameters
+    ----------
+    probabilities : (n,) sequence of float
+    outcomes : (n,) sequence of bool
+    bins : int
+        Equal-width bins of the expected calibration error.
+
+    Returns
+    -------
+    dict
+        n, ece, brier, and bins with their mean probability, rate and count.
+
+    """
+    p = np.asarray(probabilities, dtype=float)
+    hit = np.asarray(outcomes, dtype=float)
+    if p.size == 0:
+        return {'n': 0, 'ece': None, 'brier': None, 'bins': []}
+    which = np.minimum((p * bins).astype(int), bins - 1)
+    rows, ece = [], 0.0
+    for b in range(bins):
+        inside = which == b
+        if inside.any():
+            stated, came = float(p[inside].mean()), float(hit[inside].mean())
+            ece += inside.mean() * abs(stated - came)
+            rows.append({'stated': stated, 'true': came, 'count': int(inside.sum())})
+    return {'n': int(p.size), 'ece': float(ece), 'brier': float(np.mean((p - hit) ** 2)),
+            'bins': rows}
+
+
+def summary(values):
+    """Return count, median, mean, 5 and 95 % quantile of an iterable; None is left out."""
+    kept = np.array([value for value in values if value is not None], dtype=float)
+    if kept.size == 0:
+        return {'n': 0, 'median': None, 'mean': None, 'q05': None, 'q95': None}
+    return {'n': int(kept.size), 'median': float(np.median(kept)), 'mean': float(kept.mean()),
+            'q05': float(np.quantile(kept, 0.05)), 'q95': float(np.quantile(kept, 0.95))}

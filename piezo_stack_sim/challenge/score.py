@@ -1,0 +1,205 @@
+"""Scores a batch of answers: proves both hashes, judges every set, adds up."""
+
+from collections import Counter
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from piezo_stack_sim.challenge import labels as label_files
+from piezo_stack_sim.challenge.answer import read_answers
+from piezo_stack_sim.challenge.judge import BLOCK, judge, MAGNITUDES, true_shrinkage
+from piezo_stack_sim.challenge.rates import calibration, rate, summary
+from piezo_stack_sim.errors import InputError
+
+SCHEMA = 'piezo_stack_sim/challenge-score/1'
+
+#: Question, what it asks, and the bar that the project set itself.
+QUESTIONS = {
+    'detected': ('a gap is noticed where something is hidden', None),
+    'false_alarm': ('a gap is claimed where nothing is hidden', 0.01),
+    'effect': ('one effect: named first', 0.95),
+    'ranked_first': ('one effect: ranked first, whatever the verdict', None),
+    'block': ('right block (of all but the empty sets)', 0.98),
+    'covered': ('one effect: among those left open', 0.95),
+    'both': ('two effects: both named', 0.80),
+    'either': ('two effects: at least one named', 0.98),
+    'unknown': ('absent from the library: answered UNKNOWN', 0.90),
+    'unknown_or_lookalike': ('the same, or an effect that explains it as well', None),
+    'unknown_block': ('absent from the library: UNKNOWN with the right block', 0.90),
+    'false_unknown': ('in the library, but answered UNKNOWN', None),
+    'right': ('verdict right as a whole', None),
+}
+#: The questions by which groups of sets are compared.
+BRIEF = ('detected', 'effect', 'block', 'covered', 'right')
+
+
+def score(public, labels=None):
+    """
+    Return the score of the answers in a public folder.
+
+    Parameters
+    ----------
+    public : str or Path
+        Folder with ``answers/``.
+    labels : str or Path, optional
+        Label file; beside the folder by default.
+
+    Returns
+    -------
+    dict
+        JSON-ready; see `SCHEMA`.
+
+    Raises
+    ------
+    InputError
+        When labels or answers are not those committed to, or are missing.
+
+    """
+    public = Path(public)
+    revealed = label_files.reveal(public, labels)
+    answers = read_answers(public)
+    if set(answers) != set(revealed['sets']):
+        raise InputError(f'{public}: sets and labels differ; expected the same names in both')
+    rows, seconds, failures = {}, [], {}
+    for name, label in revealed['sets'].items():
+        answer, run = answers[name]
+        rows[name] = judge(label, answer, shrinkage_of(public, name, label, answer))
+        seconds.append(run['seconds'])
+        if run['failure']:
+            failures[name] = run['failure']
+    found = list(rows.values())
+    claims = [entry for row in found for entry in row['shrinkage'].values()]
+    return {
+        'schema': SCHEMA,
+        'sets': len(rows),
+        'kinds': dict(Counter(row['kind'] for row in found)),
+        'labels_sha256': (public / 'labels.sha256').read_text().split()[0],
+        'code': next(iter(answers.values()))[1]['code'],
+        'rates': rates(found),
+        'ambiguity': {
+            'all': summary(row['set_size'] for row in found),
+            'displacement_alone': summary(row['set_size'] for row in found
+                                          if row['channels'] == 'displacement'),
+        },
+        'calibration': {
+            'first_cause': stated(found, 'probability', 'probability_right'),
+            'verdict': stated(found, 'confidence', 'right'),
+        },
+        'shrinkage': {
+            'true': summary(entry['true'] for entry in claims),
+            'true_one_effect': summary(entry['true'] for row in found if row['kind'] == 'one'
+                                       for entry in row['shrinkage'].values()),
+            'claimed_minus_true': summary(entry['claimed'] - entry['true'] for entry in claims),
+            'absolute_difference': summary(abs(entry['claimed'] - entry['true'])
+                                           for entry in claims),
+            'interval_coverage': rate(entry['inside'] for entry in claims),
+        },
+        'seconds': {**summary(seconds), 'maximum': max(seconds)},
+        'failures': failures,
+        'by_effect': grouped(found, lambda row: row['hidden'][0] if row['kind'] in {
+            'one', 'absent'} else None),
+        'by_magnitude': grouped(found, lambda row: row['magnitude'],
+                                [name for _, name in MAGNITUDES]),
+        'by_channels': grouped(found, lambda row: row['channels']),
+        'by_unit': grouped(found, lambda row: row['unit']),
+        'by_kind': grouped(found, lambda row: row['kind'], ['none', 'one', 'two', 'absent']),
+        'confusion': confusion(found),
+        'baselines': baselines(revealed['sets'], answers),
+        'answers': rows,
+    }
+
+
+def shrinkage_of(public, name, label, answer):
+    """Return the true S by channel, or nothing when predictions or truth are not at hand."""
+    predicted = public / 'answers' / f'{name}.npz'
+    kept = label_files.truth_folder(public) / f'{name}.npz'
+    if not (predicted.is_file() and kept.is_file()):
+        return {}
+    with np.load(kept) as truth, np.load(predicted) as predictions:
+        arrays = {key: truth[key] for key in truth.files}
+        if fingerprint(arrays) != label['truth_sha256']:
+            raise InputError(f'{kept}: not the truth that the labels commit to')
+        return true_shrinkage(answer, arrays,
+                              {key: predictions[key] for key in predictions.files})
+
+
+def fingerprint(arrays):
+    """Return the SHA-256 of named arrays, whatever the file that holds them."""
+    digest = hashlib.sha256()
+    for key in sorted(arrays):
+        digest.update(key.encode() + arrays[key].tobytes())
+    return digest.hexdigest()
+
+
+def rates(rows, questions=tuple(QUESTIONS)):
+    """Return the Wilson rate of every question over judged sets."""
+    return {question: rate(row[question] for row in rows) for question in questions}
+
+
+def stated(rows, probability, outcome):
+    """Return the calibration of a stated probability over the rows that state one."""
+    pairs = [(row[probability], bool(row[outcome])) for row in rows
+             if row[probability] is not None and row[outcome] is not None]
+    return calibration([p for p, _ in pairs], [hit for _, hit in pairs])
+
+
+def grouped(rows, key, order=None):
+    """Return sets, rates and ambiguity-set size by group; `key` may return None for no group."""
+    groups = {}
+    for row in rows:
+        group = key(row)
+        if group is not None:
+            groups.setdefault(group, []).append(row)
+    names = [name for name in order if name in groups] if order else sorted(groups)
+    return {name: {'sets': len(groups[name]), **rates(groups[name], BRIEF),
+                   'unknown': rate(row['unknown'] for row in groups[name]),
+                   'set_size': summary(row['set_size'] for row in groups[name])['median']}
+            for name in names}
+
+
+def confusion(rows):
+    """Return how often what was hidden (row) got which answer (column); pairs are left out."""
+    counts = {}
+    for row in rows:
+        if row['kind'] == 'two':
+            continue
+        hidden = row['hidden'][0] if row['hidden'] else 'nothing'
+        counts.setdefault(hidden, Counter())[row['answered']] += 1
+    return {hidden: dict(answered) for hidden, answered in counts.items()}
+
+
+def baselines(labels, answers):
+    """
+    Return the rates of simpler ways to answer, on the same sets.
+
+    `lowest_error`, `bic` and `whiteness` are what the diagnosis notes under ``baselines`` of its
+    answers (verdict and effect); `commonest` names the commonest hidden effect every time.
+
+    """
+    hidden = Counter(effect['id'] for label in labels.values() if label['kind'] == 'one'
+                     for effect in label['effects'])
+    out = {}
+    if hidden:
+        commonest = min(hidden, key=lambda name: (-hidden[name], name))
+        out['commonest'] = {'effect': commonest, **rates(
+            [judge(label, simple('CAUSE', commonest)) for label in labels.values()])}
+    for name in ('lowest_error', 'bic', 'whiteness'):
+        rows = []
+        for key, label in labels.items():
+            noted = (answers[key][0].get('baselines') or {}).get(name)
+            if noted:
+                rows.append(judge(label, simple(noted.get('verdict') or 'CAUSE',
+                                                noted.get('effect'))))
+        if rows:
+            out[name] = {'sets': len(rows), **rates(rows)}
+    return out
+
+
+def simple(verdict, effect):
+    """Return a bare answer that names one effect, several joined by plus, or none."""
+    ids = effect.split('+') if effect else []
+    if not ids:
+        return {'verdict': verdict}
+    return {'verdict': verdict, 'causes': [{'effect': effect}], 'selected': ids,
+            'where': {'block': BLOCK.get(ids[0])}}

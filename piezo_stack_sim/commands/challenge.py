@@ -1,0 +1,148 @@
+"""``piezo_stack challenge``: the blind benchmark, made, answered and scored."""
+
+from contextlib import contextmanager
+import os
+import sys
+
+import click
+
+jobs_option = click.option(
+    '--jobs', type=click.IntRange(min=1), default=os.cpu_count(), show_default='all cores',
+    metavar='N', help='Processes.')
+
+
+@click.group('challenge')
+def command():
+    """
+    Make, answer and score a blind benchmark.
+
+    A batch is a folder of recording sets of devices with hidden effects. Its labels lie beside the
+    folder, which itself holds only their salted hash. Interrupted work goes on where it stopped.
+
+    """
+
+
+@command.command('make')
+@click.option('--sets', required=True, type=click.IntRange(min=1), metavar='N',
+              help='How many devices.')
+@click.option('--seed', required=True, type=click.IntRange(min=0), metavar='S',
+              help='Same seed, same devices. Keep it to yourself: it is as good as the labels.')
+@click.option('--out', required=True, metavar='DIR',
+              help='Public folder; labels go to DIR.labels.json and DIR.truth beside it.')
+@jobs_option
+def make_command(sets, seed, out, jobs):
+    """Make recording sets of devices with hidden effects."""
+    from piezo_stack_sim.challenge.make import make
+
+    with counted('Making devices', sets) as progress:
+        labels = make(sets, seed, out, jobs, progress)
+    click.echo(f'{sets} devices: {out}; labels: {labels}')
+
+
+@command.command('answer')
+@click.argument('folder', metavar='DIR')
+@click.option('--again', is_flag=True, help='Replace answers that other code has given.')
+@jobs_option
+def answer_command(folder, again, jobs):
+    """Diagnose every set in DIR with the defaults; answers go to DIR/answers."""
+    from piezo_stack_sim.challenge.answer import answer, set_names
+
+    with counted('Diagnosing', len(set_names(folder))) as progress:
+        version = answer(folder, diagnose, jobs, again, progress)
+    click.echo(f'{folder}/answers: complete; code {version[:16]}')
+
+
+@command.command('score')
+@click.argument('folder', metavar='DIR')
+@click.option('--labels', metavar='FILE', help='Label file.  [default: DIR.labels.json]')
+@click.option('--out', metavar='DIR', help='Folder for score.json, score.md and confusion.png.'
+              '  [default: DIR/score]')
+def score_command(folder, labels, out):
+    """Prove the hashes of labels and answers in DIR, and score the answers."""
+    import json
+    from pathlib import Path
+
+    from piezo_stack_sim.atomic import write_text
+    from piezo_stack_sim.challenge import page, score
+
+    result = score.score(folder, labels)
+    out = Path(out) if out else Path(folder) / 'score'
+    write_text(out / 'score.json', json.dumps(result, indent=1) + '\n')
+    page.write(result, out)
+    for name, (text, _) in score.QUESTIONS.items():
+        rate = result['rates'][name]
+        if rate['of']:
+            click.echo(f'{page.percent(rate):>6}  {page.interval(rate):>10}  '
+                       f'{rate["hits"]:>4}/{rate["of"]:<4}  {text}')
+    click.echo(out / 'score.md')
+
+
+@contextmanager
+def counted(description, total):
+    """Give a function that shows how many are done: a bar on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn)
+
+    columns = (TextColumn(description), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(description, total=total)
+        yield lambda done: progress.update(task, completed=done)
+
+
+def diagnose(recordings, parameter_file):
+    """
+    Return the diagnosis of a set and what it predicts: both models, thinned as the truth is.
+
+    Parameters
+    ----------
+    recordings, parameter_file : Path
+
+    Returns
+    -------
+    diagnosis : dict
+        In the form of diagnosis.json.
+    predictions : dict of str to ndarray
+        ``before/<recording>/<channel>`` with the parameter file, ``after/...`` as corrected.
+
+    """
+    import numpy as np
+
+    from piezo_stack_sim.challenge.make import KEPT_ROWS
+    from piezo_stack_sim.gap import diagnose_set
+    from piezo_stack_sim.plant import load_device, simulate
+    from piezo_stack_sim.recording.read import read_set
+
+    device = load_device(parameter_file)
+    given = read_set(recordings)
+    diagnosis = diagnose_set(given, device)
+    predictions = {}
+    for kind, model in (('before', device), ('after', corrected(device, diagnosis))):
+        for recording in given.recordings:
+            response = simulate(model, recording.time, recording.command,
+                                recording.external_force, drive=recording.drive)
+            for channel in recording.measured:
+                values = getattr(response, channel)
+                if channel != 'voltage':
+                    values = values - values[0]
+                predictions[f'{kind}/{recording.name}/{channel}'] = (
+                    values[::KEPT_ROWS].astype(np.float32))
+    return diagnosis, predictions
+
+
+def corrected(device, diagnosis):
+    """Return the device as a diagnosis corrects it: nominals re-tuned, selected effects on."""
+    actuator = {name: entry['fitted'] for name, entry in diagnosis['calibration'].items()
+                if hasattr(device.actuator, name)}
+    selected = diagnosis['selected']
+    effects = {name: {} for name in selected}
+    for cause in diagnosis['causes']:
+        if set(cause['effect'].split('+')) == set(selected):
+            for key, entry in cause['parameters'].items():
+                effect, _, parameter = key.rpartition('.')
+                effects[effect or selected[0]][parameter] = entry['value']
+            break
+    return device.replace(actuator=actuator).with_effects(effects)

@@ -1,0 +1,132 @@
+"""A batch is reproducible, readable as any recording set, and committed to its labels."""
+
+import gzip
+import json
+
+from click.testing import CliRunner
+import numpy as np
+from piezo_stack_sim.challenge import case, labels, make, programmes
+from piezo_stack_sim.cli import main
+from piezo_stack_sim.commands.challenge import command
+from piezo_stack_sim.errors import InputError
+import pytest
+
+SHORT = programmes.Plan(
+    triangle_rate=5e3, triangle_frequency=20.0, triangle_peaks=(90.0,), steps_rate=500.0,
+    steps_hold=0.5, steps_levels=(0.0, 60.0), names=('triangle', 'steps'))
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Make recordings of a second instead of half a minute."""
+    monkeypatch.setattr(programmes, 'draw', lambda random, needed=(): SHORT)
+
+
+def batch(folder, seed=11, hidden=(('one', ('creep',)), ('none', ()))):
+    """Make a small batch in this process; return its public folder."""
+    out = folder / 'public'
+    for index, (kind, ids) in enumerate(hidden):
+        make.make_set(out, index, seed, kind, ids)
+    truth = labels.truth_folder(out)
+    labels.commit(out, {'seed': seed, 'sets': {
+        make.set_name(i): json.loads((truth / f'{make.set_name(i)}.json').read_text())
+        for i in range(len(hidden))}})
+    return out
+
+
+def test_the_same_seed_makes_the_same_bytes(short, tmp_path):
+    """Recordings, parameter files, labels and hash; another seed makes others."""
+    first, second = batch(tmp_path / 'a'), batch(tmp_path / 'b')
+    files = sorted(path.relative_to(first) for path in first.rglob('*') if path.is_file())
+    assert files
+    for path in files:
+        assert (first / path).read_bytes() == (second / path).read_bytes()
+    assert labels.label_file(first).read_bytes() == labels.label_file(second).read_bytes()
+    other = batch(tmp_path / 'c', seed=12)
+    assert (other / 'labels.sha256').read_text() != (first / 'labels.sha256').read_text()
+
+
+def test_the_public_folder_does_not_tell_what_is_hidden(short, tmp_path):
+    """Neither names nor seed, in no file."""
+    out = batch(tmp_path)
+    for path in out.rglob('*'):
+        if path.is_file():
+            content = path.read_bytes()
+            content = gzip.decompress(content) if path.suffix == '.gz' else content
+            assert not any(key.encode() in content for key in case.EFFECTS)
+
+
+def test_labels_prove_themselves(short, tmp_path):
+    """The committed labels are accepted, and one changed digit is not."""
+    out = batch(tmp_path)
+    revealed = labels.reveal(out)
+    assert [entry['kind'] for entry in revealed['sets'].values()] == ['one', 'none']
+    path = labels.label_file(out)
+    path.write_text(path.read_text().replace('"creep"', '"friction"'))
+    with pytest.raises(InputError, match='not the labels'):
+        labels.reveal(out)
+
+
+def test_recordings_read_like_any_others(short, tmp_path):
+    """The project's reader takes set and parameter file, and finds nothing to complain about."""
+    from piezo_stack_sim.plant import load_device
+    from piezo_stack_sim.recording.read import read_set
+    out = batch(tmp_path)
+    device = load_device(out / 'devices' / 'set_000.yaml')
+    assert device.actuator.relative_uncertainty == case.UNCERTAINTY
+    given = read_set(out / 'set_000')
+    assert {recording.name for recording in given.recordings} == {'triangle', 'steps'}
+    for recording in given.recordings:
+        assert np.isfinite(recording.measured['displacement']).all()
+        assert not recording.findings
+
+
+def test_a_device_without_effects_differs_from_its_file_by_noise_and_scatter(short, tmp_path):
+    """Where nothing is hidden the recordings are what the labels' noise says."""
+    out = batch(tmp_path)
+    label = labels.reveal(out)['sets']['set_001']
+    with gzip.open(out / 'set_001' / 'triangle.csv.gz', 'rt') as stream:
+        columns = stream.readline().strip().split(',')
+        rows = dict(zip(columns, np.loadtxt(stream, delimiter=',').T))
+    truth = np.load(labels.truth_folder(out) / 'set_001.npz')
+    error = rows['displacement'][::make.KEPT_ROWS] - truth['true/triangle/displacement']
+    assert 0.6 < error.std() / label['noise']['displacement']['rms'] < 1.6
+    assert label['gap']['displacement']['triangle'] == 0.0
+
+
+def test_an_effect_is_as_large_as_its_label_says(short, tmp_path):
+    """The label's mean square is that of the noise-free difference."""
+    out = batch(tmp_path)
+    label = labels.reveal(out)['sets']['set_000']
+    truth = np.load(labels.truth_folder(out) / 'set_000.npz')
+    difference = truth['true/steps/displacement'] - truth['clean/steps/displacement']
+    assert np.isclose(np.mean(difference.astype(float) ** 2),
+                      label['gap']['displacement']['steps'], rtol=0.1)
+    assert label['effects'][0]['over_noise_calibrated']['displacement'] >= case.VISIBLE['one']
+
+
+def test_another_batch_in_the_same_folder_is_refused(tmp_path):
+    """Two seeds never mix."""
+    out = tmp_path / 'public'
+    owner = labels.truth_folder(out) / 'batch.txt'
+    owner.parent.mkdir(parents=True)
+    owner.write_text('something else\n')
+    with pytest.raises(InputError, match='another batch'):
+        make.make(2, 1, out)
+
+
+@pytest.mark.parametrize('arguments', [
+    ['challenge', 'make', '--sets', '0', '--seed', '1', '--out', 'x'],
+    ['challenge', 'answer', 'nowhere'],
+    ['challenge', 'score', 'nowhere'],
+])
+def test_wrong_input_ends_with_status_2_and_one_line(arguments, capsys):
+    """As every command of the package."""
+    assert main(arguments) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_the_help_names_the_three_commands():
+    """Make, answer, score."""
+    shown = CliRunner().invoke(command, ['--help']).output
+    assert all(name in shown for name in ('make', 'answer', 'score'))

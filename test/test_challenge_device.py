@@ -1,0 +1,117 @@
+"""The generator's own physics: it is the paper's device, and every hidden effect shows."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+from piezo_stack_sim.challenge import programmes
+from piezo_stack_sim.challenge.case import EFFECTS, schedule
+from piezo_stack_sim.challenge.device import Programme, respond, STEP, Unit
+from piezo_stack_sim.challenge.foreign import FOREIGN
+from piezo_stack_sim.challenge.hidden import BLOCKS, Context
+from piezo_stack_sim.challenge.known import KNOWN
+import pytest
+
+REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
+
+#: Seconds instead of half a minute: every kind of excitation once.
+SHORT = programmes.Plan(
+    triangle_rate=5e3, triangle_frequency=20.0, triangle_peaks=(90.0,),
+    decay_rate=10e3, decay_frequency=200.0, steps_rate=500.0, steps_hold=0.8,
+    steps_levels=(0.0, 60.0, 20.0), multisine_rate=20e3, multisine_top=3000.0,
+    force_frequency=20.0, force_rate=5e3)
+
+
+@pytest.fixture(scope='module')
+def recordings():
+    """Return the short programmes."""
+    return programmes.programmes(SHORT)
+
+
+@pytest.fixture(scope='module')
+def plain(recordings):
+    """Return the responses of the device in which nothing is hidden."""
+    return [respond(Unit(), programme) for programme in recordings]
+
+
+@pytest.mark.skipif(not REFERENCE.is_dir(), reason='reference recordings are not here')
+@pytest.mark.parametrize('name', ['triangle', 'decay', 'multisine', 'force', 'steps'])
+def test_the_device_without_effects_is_the_papers(name):
+    """An independent computation of the same equations agrees within a nanometre."""
+    with gzip.open(REFERENCE / f'{name}.csv.gz', 'rt') as stream:
+        columns = stream.readline().strip().split(',')
+        rows = dict(zip(columns, np.loadtxt(stream, delimiter=',').T))
+    channels = respond(Unit(), Programme(name, rows['time'], rows['voltage_command'],
+                                         rows['external_force']))
+    assert np.abs(channels['displacement'] - rows['displacement']).max() < 1e-9
+    assert np.abs(channels['charge'] - rows['charge']).max() < 1e-8
+    assert np.abs(channels['voltage'] - rows['voltage']).max() < 1e-9
+
+
+def test_a_smaller_step_changes_nothing_that_a_sensor_could_see(recordings, plain):
+    """The step is small enough, in the fastest programme too."""
+    for programme, channels in zip(recordings, plain):
+        finer = respond(Unit(), programme, step=0.5 * STEP)
+        assert np.abs(finer['displacement'] - channels['displacement']).max() < 1e-9
+
+
+def test_every_effect_of_the_design_is_hidden_in_some_form():
+    """The ids and blocks are those of the design document."""
+    assert len(KNOWN) == 27
+    assert not set(KNOWN) & set(FOREIGN)
+    assert {effect.block for effect in EFFECTS.values()} == set(BLOCKS)
+    assert all(effect.form for effect in EFFECTS.values())
+
+
+@pytest.mark.parametrize('key', sorted(EFFECTS))
+def test_a_hidden_effect_alters_its_channels_and_no_others(key, recordings, plain):
+    """Voltage stays the amplifier's, charge the stack's, and each effect shows where it should."""
+    effect = EFFECTS[key]
+    random = np.random.default_rng(5)
+    context = Context(top=90.0, stroke=1.24e-5)
+    # The largest of a few draws: the smallest ones are below what half a second can show.
+    changed = dict.fromkeys(('voltage', 'charge', 'displacement'), 0.0)
+    for _ in range(3):
+        unit = effect.apply(Unit(), **effect.draw(random, context))
+        for index, (programme, before) in enumerate(zip(recordings, plain)):
+            after = respond(unit, programme, index)
+            for channel in changed:
+                assert np.isfinite(after[channel]).all()
+                changed[channel] = max(changed[channel],
+                                       np.abs(after[channel] - before[channel]).max())
+    floor = {'voltage': 1e-4, 'charge': 1e-10, 'displacement': 1e-10}
+    for channel, size in changed.items():
+        if channel in effect.channels:
+            assert size > floor[channel], channel
+        else:
+            assert size < 1e-6 * floor[channel], channel
+
+
+@pytest.mark.parametrize('key', ['creep', 'mount_creep', 'friction', 'added_mass',
+                                 'amplifier_current_limit', 'sensor_delay'])
+def test_holds_are_quiet(key, recordings):
+    """Coarse steps take over from small ones without a jump that could be seen."""
+    effect = EFFECTS[key]
+    unit = effect.apply(Unit(), **effect.draw(np.random.default_rng(3), Context(90.0, 1.24e-5)))
+    programme = next(p for p in recordings if p.name == 'steps')
+    x = respond(unit, programme)['displacement']
+    hold = (programme.time > 1.1) & (programme.time < 1.55)
+    assert np.abs(np.diff(x[hold], 2)).max() < 2e-10
+
+
+def test_a_random_remanence_is_one_that_a_voltage_history_leaves():
+    """Running the same history once more on top changes nothing: it is consistent."""
+    unit = KNOWN['initial_polarisation'].apply(Unit(), peak=60.0, seed=4)
+    again = unit.change(history=unit.history + unit.history)
+    t = np.arange(200) * 1e-3
+    programme = Programme('rise', t, 40.0 * t / t[-1], 0.0 * t)
+    first, second = respond(unit, programme), respond(again, programme)
+    assert np.allclose(first['displacement'], second['displacement'], atol=1e-10)
+    assert np.ptp(first['displacement']) < np.ptp(respond(Unit(), programme)['displacement'])
+
+
+def test_single_effects_are_hidden_equally_often():
+    """A batch goes round the whole list before an effect comes again."""
+    hidden = [ids[0] for kind, ids in schedule(300, 7) if kind == 'one']
+    counts = [hidden.count(key) for key in KNOWN]
+    assert max(counts) - min(counts) <= 1
