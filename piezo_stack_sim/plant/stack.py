@@ -19,6 +19,7 @@ from piezo_stack_sim.plant import ideal, kernel
 from piezo_stack_sim.plant.assembly import assemble, System
 from piezo_stack_sim.plant.build import build_model
 from piezo_stack_sim.plant.parameters import Device
+from piezo_stack_sim.plant.rest import rest, rest_of_unit_charge
 from piezo_stack_sim.plant.sensors import disturb, disturbs
 
 TICK = 6.5e-8  # s; events are met on a grid at least this fine
@@ -165,7 +166,7 @@ class Plant:
         self._out_of_range = False
         self._zero = np.zeros(2)
         if model.previous_peak_voltage:
-            self._polarise(model)
+            self._polarise(model.previous_peak_voltage)
         self._commands = np.full(self._command_lag + 1, self._idle_command())
         self._readings = np.zeros(self._reading_lag)
         self._bring_in_line(self._idle_command())
@@ -175,25 +176,19 @@ class Plant:
         seed = self.device.noise.seed
         self._random = np.random.Generator(np.random.PCG64(seed))
 
-    def _polarise(self, model) -> None:
+    def _polarise(self, peak: float) -> None:
         """Lead the relaxed device quasi-statically to a voltage and back to zero."""
         system = self._system
-        real = system.real.copy()
-        real[kernel.R_V2] = real[kernel.R_V3] = 0.0
-        free = model.C + model.T ** 2 / model.k  # Eq. 11 at rest, Eq. 15: x = T v_t / k
+        per_charge, elastance = rest_of_unit_charge(system)
+        free = 1.0 / elastance  # at rest q = free (v - v_rc)
         q = 0.0
-        for voltage in (model.previous_peak_voltage, 0.0):
-            q = kernel.move_charge(q, free * voltage, free, real, self._flags, self._p,
+        for voltage in (peak, 0.0):
+            q = kernel.move_charge(q, free * voltage, free, system.real, self._flags, self._p,
                                    system.r, system.k, system.v_break, 0.0)
         kernel.stick(self._flags, self._p, system.r, q)
-        x = model.T * q / free / model.k
-        self._memory[:] = (x, q, q, x)
-        for name, value in {'displacement': x, 'charge': q}.items():
-            if name in system.state_names:
-                self._s[system.state_names.index(name)] = value
-        for i, name in enumerate(system.state_names):
-            if name.startswith('creep_'):
-                self._s[i] = q
+        self._s += q * per_charge
+        self._memory[:] = (self._s[0], q, q, self._s[0])
+        self._inputs[kernel.A_RC] = -system.k @ self._p  # all elements stick
 
     def _bring_in_line(self, source: float) -> None:
         """Settle the algebraic part (charge, offsets) for a source value, at no time."""
@@ -265,25 +260,35 @@ class Plant:
         if drive == self.drive:
             return
         present = self.sample_exact()
-        self._rebuild(drive)
         hold = present[3] if drive == 'voltage' else 0.0 if drive == 'shorted' else present[2]
+        self._rebuild(drive, hold)
         self._commands[:] = hold
-        self._bring_in_line(hold)
 
     def set_device(self, device: Device) -> None:
         """Change parameters while running; states keep their values (no jump in state)."""
         self.device = device
-        self._rebuild(self.drive)
+        self._rebuild(self.drive, self._inputs[kernel.U])
 
-    def _rebuild(self, drive: str) -> None:
+    def _rebuild(self, drive: str, source: float) -> None:
+        """Carry the state over to a new set-up; states that are new begin at rest."""
         old = dict(zip(self._system.state_names, self._s))
         old.setdefault('charge', self._memory[2])
+        voltage = self.sample_exact()[3]
+        had_friction = self._system.ints[kernel.I_FRICTION]
         commands, readings = self._commands, self._readings
         self._configure(drive)
+        system = self._system
         self._s = np.array([old.get(name, start) for name, start in
-                            zip(self._system.state_names, self._system.initial)])
+                            zip(system.state_names, system.initial)])
+        if not had_friction:
+            self._memory[0] = self._memory[3] = self._s[0]
+            self._flags[kernel.F_FRIC] = 0
+        self._inputs[kernel.U] = source
+        self._inputs[kernel.A_FRICTION:] = 0.0
+        self._s = rest(system, self._s, self._memory[2], voltage, self._inputs,
+                       set(system.state_names) - set(old))
         self._flags[kernel.F_LIMIT] = 0
-        self._bring_in_line(self._inputs[kernel.U])
+        self._bring_in_line(source)
         self._commands = _resized(commands, self._command_lag + 1)
         last = readings[-1] if readings.size else self._evaluate()[1]
         self._readings = _resized(readings, self._reading_lag, last)
@@ -417,10 +422,10 @@ class Plant:
 
     def finish(self, time, out, read) -> Response:
         """Pass raw outputs of a timeline that began at ``time[0]`` through the sensors."""
+        measured = self._measure(self.time + (time[1:] - time[0]), out, read, self.noisy)
         self.time += time[-1] - time[0]
         self._ticks = round(self.time / self.period)
         self._note_range()
-        measured = self._measure(time[1:] - time[0], out, read, self.noisy)
         return Response(time[1:], *measured, self._out_of_range, self.state)
 
     def _run(self, commands: np.ndarray, forces: np.ndarray,
