@@ -73,8 +73,8 @@ absent: UNKNOWN |
 
 ![What was hidden, and what was answered](confusion.png)
 
-Rows: what was hidden, alone. Columns: what was answered first. An ambiguous answer counts under the
-effect that it ranks first.
+Rows: what was hidden, alone. Columns: what was answered first. An ambiguous answer counts under
+the effect that it ranks first.
 """
 
 KINDS = {'none': 'with nothing hidden', 'one': 'with one effect', 'two': 'with two',

@@ -1,0 +1,197 @@
+"""The score: right answers score full, wrong ones do not, tampering is noticed, rates are honest."""
+
+import json
+
+import numpy as np
+from piezo_stack_sim.challenge import labels, page
+from piezo_stack_sim.challenge.answer import answer_set, code_version, read_answers
+from piezo_stack_sim.challenge.judge import BLOCK, judge, true_shrinkage
+from piezo_stack_sim.challenge.rates import calibration, wilson
+from piezo_stack_sim.challenge.score import score
+from piezo_stack_sim.errors import InputError
+import pytest
+
+HIDDEN = {
+    'set_000': ('none', []),
+    'set_001': ('one', ['creep']),
+    'set_002': ('one', ['sensor_lag']),
+    'set_003': ('two', ['friction', 'amplifier_gain']),
+    'set_004': ('absent', ['detent']),
+    'set_005': ('absent', ['backlash']),
+}
+
+
+def label(kind, ids):
+    """Return a label as `make` writes it, in short."""
+    return {
+        'kind': kind, 'channels': ['voltage', 'charge', 'displacement'],
+        'scatter': {'m': 0.01}, 'curve': {'of_the_file': False, 'scattered': False},
+        'effects': [{'id': name, 'block': BLOCK[name],
+                     'lookalikes': ['friction'] if name == 'backlash' else [],
+                     'over_noise_calibrated': {'displacement': 5.0}} for name in ids],
+    }
+
+
+def truthful(name):
+    """Return the answer of somebody who knows what is hidden in a set."""
+    kind, ids = HIDDEN[name]
+    verdict = {'none': 'NO_GAP', 'one': 'CAUSE', 'two': 'MULTIPLE', 'absent': 'UNKNOWN'}[kind]
+    known = ids if kind in {'one', 'two'} else []
+    return {
+        'verdict': verdict, 'selected': known, 'ambiguity_set': [], 'confidence': 1.0,
+        'where': {'block': BLOCK[ids[0]] if ids else None},
+        'causes': [{'effect': '+'.join(known), 'probability': 1.0}] if known else [],
+        'baselines': {'bic': {'verdict': 'CAUSE', 'effect': 'creep'},
+                      'whiteness': {'verdict': 'NO_GAP', 'effect': None}},
+    }
+
+
+def oracle(recordings, parameter_file):
+    """Diagnose as `truthful`."""
+    return truthful(recordings.name), {}
+
+
+def blind(recordings, parameter_file):
+    """Name creep, whatever the recordings."""
+    return {'verdict': 'CAUSE', 'selected': ['creep'], 'ambiguity_set': [],
+            'causes': [{'effect': 'creep', 'probability': 0.9}],
+            'where': {'block': 'electrical'}}, {}
+
+
+def broken(recordings, parameter_file):
+    """Fail."""
+    raise ValueError('no')
+
+
+def answered(folder, diagnose):
+    """Return a public folder with labels and answers."""
+    out = folder / 'public'
+    out.mkdir()
+    (out / 'challenge.json').write_text(json.dumps({'sets': list(HIDDEN)}))
+    labels.commit(out, {'seed': 3, 'sets': {name: label(*entry)
+                                            for name, entry in HIDDEN.items()}})
+    for name in HIDDEN:
+        answer_set(out, name, diagnose, 'one version')
+    return out
+
+
+def test_right_answers_score_full(tmp_path):
+    """Every question that the batch puts is answered right, and no alarm is false."""
+    result = score(answered(tmp_path, oracle))
+    rates = result['rates']
+    for question in ('detected', 'effect', 'block', 'covered', 'both', 'either', 'unknown',
+                     'unknown_block', 'right'):
+        assert rates[question]['rate'] == 1.0, question
+    assert rates['false_alarm']['rate'] == rates['false_unknown']['rate'] == 0.0
+    assert result['calibration']['first_cause']['ece'] == 0.0
+    json.dumps(result)
+
+
+def test_one_answer_for_everything_scores_what_it_deserves(tmp_path):
+    """Naming creep always is right once, and overconfident."""
+    rates = (result := score(answered(tmp_path, blind)))['rates']
+    assert rates['effect']['hits'] == 1 and rates['effect']['of'] == 2
+    assert rates['false_alarm']['rate'] == 1.0
+    assert rates['both']['rate'] == rates['either']['rate'] == rates['unknown']['rate'] == 0.0
+    assert result['calibration']['first_cause']['ece'] > 0.5
+    assert result['confusion']['nothing'] == {'creep': 1}
+
+
+def test_baselines_are_scored_on_the_same_sets(tmp_path):
+    """What the diagnosis notes of simpler criteria, and the commonest effect, get rates too."""
+    baselines = score(answered(tmp_path, oracle))['baselines']
+    assert baselines['bic']['effect']['hits'] == 1
+    assert baselines['whiteness']['detected']['rate'] == 0.0
+    assert baselines['commonest']['false_alarm']['rate'] == 1.0
+
+
+def test_a_diagnosis_that_fails_is_a_wrong_answer(tmp_path):
+    """The batch is scored all the same, and says so."""
+    result = score(answered(tmp_path, broken))
+    assert len(result['failures']) == len(HIDDEN)
+    assert result['rates']['right']['rate'] == 0.0
+
+
+def test_an_answer_changed_afterwards_is_noticed(tmp_path):
+    """Its hash is on record."""
+    out = answered(tmp_path, blind)
+    path = out / 'answers' / 'set_002.json'
+    path.write_text(path.read_text().replace('creep', 'sensor_lag'))
+    with pytest.raises(InputError, match='changed after'):
+        score(out)
+
+
+def test_answers_of_two_versions_are_not_mixed(tmp_path):
+    """One code, one score."""
+    out = answered(tmp_path, blind)
+    answer_set(out, 'set_001', blind, 'another version')
+    with pytest.raises(InputError, match='2 versions'):
+        read_answers(out)
+
+
+def test_the_code_version_is_that_of_the_code():
+    """It repeats, and it is a hash."""
+    assert code_version() == code_version()
+    assert len(code_version()) == 64
+
+
+def test_an_ambiguous_answer_counts_when_it_leaves_the_truth_open():
+    """Left open is right, left out is wrong."""
+    tie = {'verdict': 'AMBIGUOUS', 'ambiguity_set': ['creep', 'leakage'], 'selected': [],
+           'causes': [{'effect': 'leakage', 'probability': 0.5}], 'where': {'block': 'electrical'}}
+    row = judge(label('one', ['creep']), tie)
+    assert row['covered'] and row['right'] and not row['effect'] and row['set_size'] == 2
+    assert not judge(label('one', ['friction']), tie)['right']
+
+
+def test_an_effect_as_good_as_an_absent_one_is_counted_apart():
+    """Backlash looks like friction: UNKNOWN is what is asked for, friction is noted."""
+    friction = {'verdict': 'CAUSE', 'selected': ['friction'], 'where': {'block': 'mechanical'},
+                'causes': [{'effect': 'friction', 'probability': 0.8}]}
+    row = judge(label('absent', ['backlash']), friction)
+    assert not row['unknown'] and row['unknown_or_lookalike']
+
+
+def test_the_true_shrinkage_is_that_of_the_noise_free_errors():
+    """Half of the error left is three quarters of its power gone."""
+    real = np.linspace(0.0, 1.0, 50)
+    truth = {'true/steps/displacement': real, 'true/decay/displacement': real}
+    predictions = {'before/steps/displacement': real + 0.2, 'after/steps/displacement': real + 0.1,
+                   'before/decay/displacement': real + 0.2, 'after/decay/displacement': real}
+    held = {'shrinkage': {'withheld': ['steps']}}
+    assert np.isclose(true_shrinkage(held, truth, predictions)['displacement'], 0.75)
+    assert np.isclose(true_shrinkage({}, truth, predictions)['displacement'], 0.875)
+
+
+def test_wilson_intervals_are_the_published_ones():
+    """Newcombe (1998), Statistics in Medicine 17, 857-872, Table I: 81/263, 15/148 and 0/20."""
+    for hits, of, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605),
+                                (0, 20, 0.0, 0.1611)):
+        found = wilson(hits, of)
+        assert np.isclose(found['low'], low, atol=1e-4)
+        assert np.isclose(found['high'], high, atol=1e-4)
+
+
+def test_the_calibration_error_is_the_gap_between_said_and_came_true():
+    """Saying 0.8 and being right every second time is off by 0.3."""
+    found = calibration([0.8] * 10, [True, False] * 5)
+    assert np.isclose(found['ece'], 0.3)
+    assert np.isclose(found['brier'], 0.5 * 0.04 + 0.5 * 0.64)
+    assert np.isclose(calibration([0.5] * 10, [True, False] * 5)['ece'], 0.0)
+
+
+def test_the_page_holds_every_question_and_the_picture(tmp_path):
+    """Markdown tables without holes, and a PNG."""
+    result = score(answered(tmp_path, blind))
+    page.write(result, tmp_path / 'page')
+    text = (tmp_path / 'page' / 'score.md').read_text()
+    rows = [line for line in text.splitlines() if line.startswith('|')]
+    assert len(rows) > 40
+    width = None
+    for line in text.splitlines():
+        if not line.startswith('|'):
+            width = None
+            continue
+        width = width or line.count('|')
+        assert line.count('|') == width, line
+    assert (tmp_path / 'page' / 'confusion.png').read_bytes().startswith(b'\x89PNG')
