@@ -66,6 +66,7 @@ N_FLAGS = 6
 
 CHARGE_TOLERANCE = 1e-14  # C; a millionth of the smallest break charge of interest
 DISPLACEMENT_TOLERANCE = 1e-15  # m
+REST = 1e-12  # C; less than this to come (0.1 pm) is rest
 MAX_EVENTS = 100000  # in one segment; a guard, never met by a finite input
 
 _jit = njit(cache=True, nogil=True, error_model='numpy')
@@ -664,7 +665,10 @@ def _calm(now, x, w, omega, damping, exact, length, flags, p, r, displaced, real
     if flags[F_SLIP] > 0:
         if exact or not _monotone(now[W_Q1], now[W_Q2], now[W_Q3], omega, damping,
                                   flags[F_DIR]):
-            return False
+            # At rest, a slip that has come to its end needs no attention either.
+            ring = (abs(now[W_Q2]) + abs(now[W_Q3]) / omega) / omega
+            if (abs(now[W_Q1]) + ring) * length + ring / omega > REST:
+                return False
     elif not _clear(now[W_Q], now[W_Q1], now[W_Q2], now[W_Q3], omega, damping, length,
                     p[0] - r[0] - CHARGE_TOLERANCE, p[0] + r[0] + CHARGE_TOLERANCE, exact):
         return False
