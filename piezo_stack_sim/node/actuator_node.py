@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from piezo_stack_sim.errors import InputError
@@ -14,6 +15,7 @@ from piezo_stack_sim.node.schedule import Schedule, SECOND
 from piezo_stack_sim.node.simulation_clock import SimulationClock
 from piezo_stack_sim.plant import Plant, Sample
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import ROSClock
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -63,7 +65,17 @@ class ActuatorNode(Node):
                  files: list[str] | None = None, bare_files: bool = True,
                  cli_args: list[str] | None = None) -> None:
         super().__init__(NAME, namespace=namespace, cli_args=cli_args)
-        self._parameter_table = DeviceParameters(self, files or [], bare_files)
+        try:
+            self._parameter_table = DeviceParameters(self, files or [], bare_files)
+            self._build(clock)
+            self._parameter_table.check_all_used()
+        except BaseException:
+            self.destroy_node()
+            raise
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+
+    def _build(self, clock: SimulationClock) -> None:
         device = self._parameter_table.device
         self.plant = Plant(device)
         self.schedule = Schedule(device.rate)
@@ -78,14 +90,11 @@ class ActuatorNode(Node):
         self._stamp = 0  # ns, of the newest tick
         self._rate = device.rate
         self._active: tuple[float | None, float] = (None, 0.0)
-        self._known_failures = self._known_late = 0
-        self._twins = 1
+        self._known_failures = self._known_late = self._known_namesakes = 0
+        self._ros_clock = cast(ROSClock, self.get_clock())
         self._say = OncePerSecond(self.intake.tally, self.get_logger().warning)
         self._clock_group = clock
         self._connect(device.joint_name)
-        self._parameter_table.check_all_used()
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
 
     def _connect(self, joint: str) -> None:
         qos = QoSProfile(depth=DEPTH['lockstep' if self.lockstep else 'wall'])
@@ -147,9 +156,9 @@ class ActuatorNode(Node):
         self._active = (self.intake.command, self.intake.force)
 
     def _wall_stamp(self, deadline: int) -> int:
-        clock = self.get_clock()
-        if clock.ros_time_is_active:
-            return clock.now().nanoseconds
+        if self._ros_clock.ros_time_is_active:  # use_sim_time, and somebody's /clock
+            return self._ros_clock.now().nanoseconds
+        # The deadline by the clock of the day: ticks that come late keep even stamps.
         return time.time_ns() - (time.monotonic_ns() - deadline)
 
     def _step(self) -> None:
@@ -164,7 +173,7 @@ class ActuatorNode(Node):
             self._publish(sample, self._wall_stamp(time.monotonic_ns()))
 
     def _advance(self, count: int) -> Sample:
-        """Advance the plant with the active inputs; count 1 is the common case and the fast one."""
+        """Advance the plant with the active inputs; one period is the common, fast case."""
         command, force = self._active
         try:
             if count == 1:
@@ -307,10 +316,14 @@ class ActuatorNode(Node):
         late = schedule.late - self._known_late
         self._known_late = schedule.late
         found.warn_if(late, f'{late} late ticks in a second, caught up')
-        self._twins = self.get_fully_qualified_name_count()
-        found.warn_if(self._twins > 1,
-                      f'{self._twins} nodes are called {self.get_fully_qualified_name()}: both '
-                      'obey the same commands and publish; give one another name or namespace')
+        name = self.get_fully_qualified_name()
+        namesakes = self.get_fully_qualified_node_names().count(name)
+        found.warn_if(namesakes > 1,
+                      f'{namesakes} nodes are called {name}: each obeys the same commands and '
+                      'publishes its own state; give one another name or namespace')
+        if namesakes > max(1, self._known_namesakes):
+            self.get_logger().warning(found.warnings[-1])
+        self._known_namesakes = namesakes
         drivers = sum(self.count_publishers(s.topic_name) > 1 for s in self._command_inputs)
         found.warn_if(drivers, 'several publishers on one command topic: the newest command rules')
         if self.lockstep:
@@ -331,10 +344,6 @@ class ActuatorNode(Node):
         }
         schedule.worst = 0
         return found
-
-    def get_fully_qualified_name_count(self) -> int:
-        """Return how many nodes of this one's name there are, itself included."""
-        return self.get_fully_qualified_node_names().count(self.get_fully_qualified_name())
 
     def status(self) -> str:
         """Return one line for a terminal."""

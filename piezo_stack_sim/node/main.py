@@ -14,6 +14,7 @@ ROS arguments follow --ros-args: --params-file FILE, -p NAME:=VALUE, -r __ns:=/N
 
 
 class _Parser(argparse.ArgumentParser):
+
     def error(self, message):
         raise InputError(f'piezo_stack_node: {message}; see piezo_stack_node --help')
 
@@ -119,10 +120,10 @@ def run(arguments: list[str]) -> None:
     began = time.monotonic()
     import rclpy
     from rclpy.utilities import remove_ros_args
-    options = _arguments(remove_ros_args(['piezo_stack_node', *arguments])[1:])
     try:
+        options = _arguments(remove_ros_args(['piezo_stack_node', *arguments])[1:])
         rclpy.init(args=arguments)
-    except Exception as error:  # noqa: B902 rcl raises several kinds, all about its arguments
+    except RuntimeError as error:
         raise _reason(error, _parameter_files(arguments)[0]) from None
     nodes = []
     try:

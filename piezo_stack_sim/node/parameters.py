@@ -27,9 +27,11 @@ def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
         additional_constraints=f'expected {spec.expected}', read_only=spec.read_only)
     if math.isfinite(spec.lower) and math.isfinite(spec.upper):
         if spec.kind == 'double':
-            lower = min(spec.lower, 0.0) if spec.zero else spec.lower
-            result.floating_point_range = [
-                FloatingPointRange(from_value=lower, to_value=spec.upper)]
+            # One interval has to hold the special values too; the checks are the stricter ones.
+            special = [v for v in (0.0 if spec.zero else None, spec.default)
+                       if isinstance(v, float)]
+            result.floating_point_range = [FloatingPointRange(
+                from_value=min([spec.lower, *special]), to_value=max([spec.upper, *special]))]
         elif spec.kind == 'integer':
             result.integer_range = [
                 IntegerRange(from_value=int(spec.lower), to_value=int(spec.upper), step=1)]
@@ -106,7 +108,7 @@ class DeviceParameters:
         """
         for name, value in self._overrides.items():
             if not self._node.has_parameter(name):
-                known = [p for p in self._node.list_parameters(['qos_overrides'], 0).result.names]
+                known = self._node.list_parameters(['qos_overrides'], 0).names
                 raise InputError(f'parameters: {name} = {value}: expected a known parameter'
                                  f'{_did_you_mean(name, known)}')
 

@@ -1,0 +1,166 @@
+"""Claims about the parts of the node that need no DDS."""
+
+import math
+import time
+
+from piezo_stack_sim.plant.parameters import Device, parameter_specs
+import pytest
+
+pytest.importorskip('rclpy')
+
+from builtin_interfaces.msg import Time  # noqa: E402, I100
+from piezo_stack_sim.node import realtime  # noqa: E402
+from piezo_stack_sim.node.commands import (  # noqa: E402
+    CommandIntake, OncePerSecond, Tally, Watchdog)
+from piezo_stack_sim.node.messages import ClockTopic, FloatTopic, StateTopic  # noqa: E402
+from piezo_stack_sim.node.parameters import descriptor, flat  # noqa: E402
+from piezo_stack_sim.node.schedule import NEVER, Schedule, SECOND  # noqa: E402
+from piezo_stack_sim.node.simulation_clock import SimulationClock  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64, Header  # noqa: E402
+
+
+class Wire:
+    """Stands for a publisher and keeps what is published."""
+
+    def __init__(self):
+        self.sent = []
+
+    def publish(self, message):
+        self.sent.append(message)
+
+
+def test_filled_in_messages_are_those_that_rclpy_would_send():
+    wire = Wire()
+    FloatTopic(wire).publish(-1.25e-6)
+    assert deserialize_message(wire.sent[0], Float64) == Float64(data=-1.25e-6)
+    assert wire.sent[0] == bytes(serialize_message(Float64(data=-1.25e-6)))
+    StateTopic(wire, 'a joint').publish(12_000_000_034, 1e-6, -2.5, 3e3)
+    expected = JointState(header=Header(stamp=Time(sec=12, nanosec=34)), name=['a joint'],
+                          position=[1e-6], velocity=[-2.5], effort=[3e3])
+    assert deserialize_message(wire.sent[1], JointState) == expected
+    ClockTopic(wire).publish(5_000_000_006)
+    assert deserialize_message(wire.sent[2], Clock) == Clock(clock=Time(sec=5, nanosec=6))
+
+
+@pytest.mark.parametrize('rate', [1000.0, 333.0, 4000.0, 44100.0 / 7.0])
+def test_deadlines_do_not_drift(rate):
+    schedule = Schedule(rate)
+    schedule.start()
+    origin = schedule.deadline - round(SECOND / rate)
+    for _ in range(20_000):
+        schedule.advance(schedule.deadline)
+    assert schedule.deadline - origin == pytest.approx(20_001 * SECOND / rate, abs=1)
+    assert (schedule.late, schedule.tardy, schedule.worst) == (0, 0, 0)
+
+
+def test_late_ticks_are_all_found_and_counted():
+    schedule = Schedule(1000.0)
+    schedule.start()
+    first = schedule.deadline
+    assert schedule.backlog(first - 1) == 0
+    assert schedule.backlog(first) == 1
+    now = first + 10 * SECOND // 1000 + 5  # ten periods late
+    assert schedule.backlog(now) == 11
+    for _ in range(11):
+        schedule.advance(now)
+    assert schedule.backlog(now) == 0
+    assert (schedule.ticks, schedule.late, schedule.tardy) == (11, 10, 10)
+    assert schedule.worst == now - first
+    bulk = Schedule(1000.0)
+    bulk.start()
+    now = bulk.deadline + 10 * SECOND // 1000 + 5
+    bulk.advance(now, bulk.backlog(now))
+    assert (bulk.ticks, bulk.late, bulk.tardy) == (11, 10, 10)
+
+
+def test_a_stopped_schedule_has_no_deadline():
+    schedule = Schedule(1000.0)
+    schedule.start()
+    schedule.stop()
+    assert schedule.deadline == NEVER
+
+
+def test_a_refused_command_leaves_the_last_one():
+    intake = CommandIntake('voltage', (0.0, 150.0))
+    assert intake.command is None
+    assert intake.take_command('voltage', 12.0)
+    assert not intake.take_command('voltage', math.nan)
+    assert not intake.take_command('charge', 1e-6)
+    assert intake.command == 12.0
+    assert intake.tally.counts == {
+        'refused_not_finite': 1, 'refused_inactive_port': 1, 'clamped': 0}
+
+
+def test_absurd_forces_are_clamped_and_infinite_ones_refused():
+    intake = CommandIntake('open', (0.0, 150.0))
+    assert intake.take_force(-1e300)
+    assert intake.force == -1e6
+    assert not intake.take_force(-math.inf)
+    assert intake.force == -1e6
+
+
+def test_the_watchdog_counts_device_time_from_the_first_command():
+    watchdog = Watchdog(0.01, 1000.0)
+    assert not watchdog.check(10_000)
+    watchdog.feed(10_000)
+    assert not watchdog.check(10_009)
+    assert watchdog.check(10_010) and watchdog.expired
+    assert not watchdog.check(10_011)  # said once
+    watchdog.feed(10_011)
+    assert not watchdog.expired
+    watchdog.set_timeout(0.0)
+    assert not watchdog.check(10**9)
+
+
+def test_a_log_tells_the_count_of_what_it_left_out():
+    lines, tally = [], Tally()
+    say = OncePerSecond(tally, lines.append)
+    tally.note('clamped', 'a')
+    assert say.tell() == ['clamped'] and lines == ['a']
+    for _ in range(5):
+        tally.note('clamped', 'b')
+    assert say.tell() == ['clamped'] and lines == ['a']
+    say.PERIOD = 0.0
+    say.tell()
+    assert lines == ['a', 'b (5 times)']
+    assert say.tell() == []
+
+
+def test_the_common_clock_is_that_of_the_slowest_device():
+    wire, clock = Wire(), SimulationClock()
+    clock.join('a', ClockTopic(wire))
+    assert clock.has_topic
+    clock.join('b', None)
+    for device, time_ns in (('a', 10), ('a', 20), ('b', 15), ('b', 30), ('a', 30)):
+        clock.set_time(device, time_ns)
+    heard = [deserialize_message(sent, Clock).clock.nanosec for sent in wire.sent]
+    assert heard == [0, 15, 20, 30]
+
+
+@pytest.mark.parametrize('name', parameter_specs())
+def test_every_parameter_has_a_description_and_its_value_lies_in_its_range(name):
+    spec, value = parameter_specs()[name], flat(Device.nominal())[name]
+    described = descriptor(spec)
+    assert described.description
+    assert described.additional_constraints
+    assert described.read_only == spec.read_only
+    for bounds in described.floating_point_range:
+        assert bounds.from_value <= value <= bounds.to_value
+
+
+def test_the_waker_pushes_a_loop_that_oversleeps():
+    woken = []
+    waker = realtime.Waker(lambda: woken.append(time.monotonic()), lambda: 3600.0)
+    end = time.monotonic() + 30.0
+    while not woken and time.monotonic() < end:
+        time.sleep(0.01)
+    waker.stop()
+    assert woken
+
+
+def test_real_time_rights_are_granted_or_refused_in_one_line():
+    for trouble in (realtime.lock_memory(),):
+        assert trouble is None or '\n' not in trouble
