@@ -130,3 +130,23 @@ def test_the_help_names_the_three_commands():
     """Make, answer, score."""
     shown = CliRunner().invoke(command, ['--help']).output
     assert all(name in shown for name in ('make', 'answer', 'score'))
+
+
+def test_interrupted_making_goes_on_where_it_stopped(short, tmp_path, monkeypatch):
+    """Finished sets are not made again, and the result is the same as in one go."""
+    whole = make.make(3, 5, tmp_path / 'whole', jobs=1)
+    counts = []
+
+    def stop(done):
+        counts.append(done)
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make.make(3, 5, tmp_path / 'parts', jobs=1, progress=stop)
+    made = []
+    really = make.make_set
+    monkeypatch.setattr(make, 'make_set', lambda *task: made.append(task[1]) or really(*task))
+    parts = make.make(3, 5, tmp_path / 'parts', jobs=1)
+    assert made == [2]
+    assert parts.read_bytes() == whole.read_bytes()

@@ -1,10 +1,10 @@
-"""The score: right answers score full, wrong ones do not, tampering is noticed, rates are honest."""
+"""The score: truth scores full, luck does not, tampering is noticed, rates are honest."""
 
 import json
 
 import numpy as np
 from piezo_stack_sim.challenge import labels, page
-from piezo_stack_sim.challenge.answer import answer_set, code_version, read_answers
+from piezo_stack_sim.challenge.answer import answer, answer_set, code_version, read_answers
 from piezo_stack_sim.challenge.judge import BLOCK, judge, true_shrinkage
 from piezo_stack_sim.challenge.rates import calibration, wilson
 from piezo_stack_sim.challenge.score import score
@@ -127,6 +127,22 @@ def test_answers_of_two_versions_are_not_mixed(tmp_path):
     answer_set(out, 'set_001', blind, 'another version')
     with pytest.raises(InputError, match='2 versions'):
         read_answers(out)
+
+
+def test_answering_goes_on_where_it_stopped_and_refuses_other_code(tmp_path):
+    """Finished answers stay; those of other code are replaced only on request."""
+    out = answered(tmp_path, blind)
+    with pytest.raises(InputError, match='other code'):
+        answer(out, oracle, jobs=1)
+    (out / 'answers' / 'set_004.run.json').unlink()
+    counts = []
+    version = answer(out, oracle, jobs=1, again=True, progress=counts.append)
+    assert version == code_version() and counts == list(range(len(HIDDEN) + 1))
+    assert score(out)['rates']['right']['rate'] == 1.0
+    counts.clear()
+    answer(out, blind, jobs=1, progress=counts.append)
+    assert counts == [len(HIDDEN)]
+    assert score(out)['rates']['right']['rate'] == 1.0
 
 
 def test_the_code_version_is_that_of_the_code():

@@ -77,14 +77,21 @@ def answer(public, diagnose, jobs=None, again=False, progress=None):
             raise InputError(f'{public}/answers/{name}.json: given by other code '
                              f'({run["code"][:12]}, now {version[:12]}); --again replaces it')
     finished = len(names) - len(waiting)
+    if progress:
+        progress(finished)
+    if jobs == 1:
+        for name in waiting:
+            answer_set(public, name, diagnose, version)
+            finished += 1
+            if progress:
+                progress(finished)
+        return version
     context = multiprocessing.get_context('spawn')
     while waiting:
         # A worker that dies breaks the pool but costs no finished answer.
         with ProcessPoolExecutor(jobs, mp_context=context) as pool:
             futures = {pool.submit(answer_set, public, name, diagnose, version): name
                        for name in waiting}
-            if progress:
-                progress(finished)
             lost = None
             for future in as_completed(futures):
                 try:

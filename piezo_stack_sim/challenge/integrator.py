@@ -142,6 +142,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
     fast_before, x_before = state[Q], state[X]
     memory_due = starts[0]
     creeping, relaxing = p.creep_per_decade != 0.0, p.mount_exponent > 0.0
+    warming = p.rate_gain != 0.0 or p.heating_gain != 0.0
     viscosity = p.b + p.body_damping.sum()
     calm = hold_only
     still = unsaved = acceleration = 0.0
@@ -232,7 +233,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             state[Q] += dq
             state[X], state[SPEED] = x + dx, speed
             state[TERMINAL] = state[RING] - output_drop(p, dq, h)
-            slow_states(p, state, dq, h)
+            if warming:
+                slow_states(p, state, dq, h)
 
             now = end if remaining - h < 0.5 * h else now + h
             still = still + h if at_rest(state, source) else 0.0

@@ -85,14 +85,10 @@ def make(sets, seed, out, jobs=None, progress=None):
     finished = sets - len(waiting)
     if progress:
         progress(finished)
-    context = multiprocessing.get_context('spawn')
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        futures = [pool.submit(make_set, out, i, seed, *schedule[i]) for i in waiting]
-        for future in as_completed(futures):
-            future.result()
-            finished += 1
-            if progress:
-                progress(finished)
+    for _ in completed([(out, i, seed, *schedule[i]) for i in waiting], jobs):
+        finished += 1
+        if progress:
+            progress(finished)
     write_text(out / 'challenge.json', json.dumps({
         'schema': 'piezo_stack_sim/challenge/1',
         'sets': [set_name(i) for i in range(sets)],
@@ -103,6 +99,18 @@ def make(sets, seed, out, jobs=None, progress=None):
         'sets': {set_name(i): json.loads((truth / f'{set_name(i)}.json').read_text())
                  for i in range(sets)},
     })
+
+
+def completed(tasks, jobs):
+    """Make sets, given by the arguments of `make_set`; yield after each."""
+    if jobs == 1:
+        for task in tasks:
+            yield make_set(*task)
+        return
+    context = multiprocessing.get_context('spawn')
+    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        for future in as_completed([pool.submit(make_set, *task) for task in tasks]):
+            yield future.result()
 
 
 def batch_id(sets, seed):

@@ -51,8 +51,7 @@ intervals. Made by `piezo_stack challenge score`.
 
 ## Against simpler answers
 
-| | {% for name in brief %}{{ questions[name][0] }} | {% endfor %}nothing hidden: false alarm | \
-absent: UNKNOWN |
+| | {% for name in brief %}{{ heads[name] }} | {% endfor %}false alarm | absent: UNKNOWN |
 |---|{% for name in brief %}---|{% endfor %}---|---|
 | **diagnosis** | {% for name in brief %}{{ score.rates[name] | percent }} | {% endfor -%}
 {{ score.rates.false_alarm | percent }} | {{ score.rates.unknown | percent }} |
@@ -63,12 +62,15 @@ absent: UNKNOWN |
 {% for title, table in tables %}
 ## By {{ title }}
 
-| | sets | {% for name in brief %}{{ heads[name] }} | {% endfor %}UNKNOWN | left open |
+| | sets | {% for name in brief %}{{ heads[name] }} | {% endfor %}UNKNOWN | how many |
 |---|---|{% for name in brief %}---|{% endfor %}---|---|
 {% for name, group in table.items() -%}
 | {{ name }} | {{ group.sets }} | {% for key in brief %}{{ group[key] | percent }} | {% endfor -%}
 {{ group.unknown | percent }} | {{ group.set_size | number }} |
 {% endfor %}{% endfor %}
+Noticed, named first, block, left open, right: shares of the sets. How many: the median number of
+effects left open.
+
 ## Confusion
 
 ![What was hidden, and what was answered](confusion.png)
@@ -104,11 +106,13 @@ def page(score):
     """Return the Markdown page of a score."""
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
     environment.filters.update(percent=percent, interval=interval, number=number)
+    effects = {name + ('' if name in KNOWN else ' (absent)'): score['by_effect'][name]
+               for name in BLOCK if name in score['by_effect']}
     tables = [('magnitude over noise, after calibration', score['by_magnitude']),
               ('channels', score['by_channels']),
               ('how far the unit is from its file', score['by_unit']),
               ('what was hidden', score['by_kind']),
-              ('effect', score['by_effect'])]
+              ('effect', effects)]
     return environment.from_string(TEMPLATE).render(
         score=score, questions=QUESTIONS, brief=BRIEF, kinds=KINDS, heads=HEADS,
         baselines=BASELINES, tables=tables)
