@@ -16,6 +16,7 @@ COMMANDS = {
     'simulate': 'Replay the commands and forces of a recording set through the plant.',
     'compare': 'Show the gap between recordings and simulation and where it lies.',
     'diagnose': 'Find out which missing effects cause the gap; write report and mend.',
+    'report': 'Render report.html again from a diagnosis.json.',
     'identify': 'Find the parameters of an actuator from recordings.',
     'from-datasheet': 'Estimate the parameters of an actuator from its data sheet.',
     'excite': 'Play a test programme to the device behind the topics and record it.',

@@ -6,6 +6,7 @@ that "the real device" has and "the simulation" lacks.
 """
 
 from functools import lru_cache
+import json
 
 import numpy as np
 from piezo_stack_sim.gap.schema import SCHEMA_ID
@@ -77,10 +78,19 @@ def make_recordings(seed=1, creep=CREEP, channels=('voltage', 'charge', 'displac
     return recordings, before, after
 
 
-def make_diagnosis(verdict='CAUSE', seed=1):
-    """Return a valid diagnosis with that verdict."""
+def make_diagnosis(verdict='CAUSE'):
+    """Return a valid diagnosis with that verdict; it is the caller's to change."""
+    return json.loads(_diagnosis_text(verdict))
+
+
+@lru_cache(maxsize=None)
+def _diagnosis_text(verdict):
+    return json.dumps(_diagnosis(verdict))
+
+
+def _diagnosis(verdict):
     creep = {'NO_GAP': 1e-6, 'MULTIPLE': 1.6 * CREEP}.get(verdict, CREEP)
-    recordings, before, after = make_recordings(seed, creep)
+    recordings, before, after = make_recordings(creep=creep)
     selected, tied = SELECTED[verdict], TIED.get(verdict, [])
     traces = build_traces(recordings, before, after if selected else None, NOISE)
     gap = {channel: _gap(recordings, before, channel) for channel in NOISE}
@@ -154,7 +164,7 @@ def make_diagnosis(verdict='CAUSE', seed=1):
             'ceiling': {'displacement': 0.991, 'charge': 0.987, 'voltage': None},
             'withheld': ['the last third of triangle', 'the second half of steps', 'force']},
         'remaining': {'gap': left, 'block': None, 'structured': verdict == 'UNKNOWN',
-                      'note': 'what remains is largest just after the steps'},
+                      'note': 'largest just after the steps'},
         'next_experiment': None if verdict == 'NO_GAP' else {
             'profile': 'steps', 'settings': {'amplitude': 90.0, 'hold': 60.0, 'repeat': True},
             'add_channel': 'charge' if verdict == 'AMBIGUOUS' else None,

@@ -28,7 +28,7 @@ Conventions that hold throughout:
         "views": {"overview": VIEW, "detail": VIEW},      # detail is absent from short recordings
         "spectra": {"<channel>": {"frequency", "before", "after", "noise"}}}]}
 
-    VIEW = {"time": [...], "command": [...] or null, "external_force": [...] or null,
+    VIEW = {"time": [...], "command": [...] or null, "external_force": [...] or null, "error",
             "channels": {"<channel>": {"measured", "simulated_before", "simulated_after"}}}
 
 All series of a view stand on its ``time``, so that loops (v-q, q-x, v-x) are drawn from them as

@@ -51,8 +51,9 @@ def thin_out(signals, points):
     """
     Choose the rows that draw signals best with straight lines between them.
 
-    From the ends inwards, the row farthest from the line drawn so far is added (Douglas and
-    Peucker, 1973), so peaks, corners and steps stay and what is dropped lies near the line.
+    A third of the rows is spread evenly, so that no stretch is left empty. Then the row farthest
+    from the line drawn so far is added, again and again (Douglas and Peucker, 1973): peaks,
+    corners and steps stay, and what is dropped lies near the line.
 
     Parameters
     ----------
@@ -71,7 +72,8 @@ def thin_out(signals, points):
     if rows <= points:
         return np.arange(rows)
     extremes = np.concatenate([signals.argmin(axis=0), signals.argmax(axis=0)])
-    kept = np.unique([0, rows - 1, *extremes]).tolist()
+    even = np.linspace(0, rows - 1, max(2, points // 3)).astype(int)
+    kept = np.unique([*even, *extremes]).tolist()
     heap = [_farthest(signals, first, last) for first, last in zip(kept, kept[1:])]
     heapq.heapify(heap)
     while len(kept) < points and heap[0][0] < 0:
@@ -122,7 +124,8 @@ def _trace(recording, before, after, noise, points, detail_points):
     rows = len(recording.time)
     signals = _scaled(channels, rows)
     chosen = thin_out(signals, points)
-    views = {'overview': _view(recording, channels, chosen)}
+    views = {'overview': {**_view(recording, channels, chosen),
+                          'error': _left_out(recording.time, channels, chosen)}}
     if rows > len(chosen):
         first = _worst_stretch(channels, rows, detail_points)
         stretch = np.arange(first, min(rows, first + detail_points))
@@ -133,10 +136,16 @@ def _trace(recording, before, after, noise, points, detail_points):
 
 
 def _scaled(channels, rows):
-    """Return measured signals and residuals as columns of span 1, gaps bridged."""
+    """
+    Return measured signals and residuals as columns of comparable size, gaps bridged.
+
+    The residuals count a tenth: where they are nothing but noise they would take every row.
+
+    """
     columns = []
     for measured, before, after in channels.values():
-        for signal in (measured, before - measured, None if after is None else after - measured):
+        for signal, weight in ((measured, 1.0), (before - measured, 0.1),
+                               (None if after is None else after - measured, 0.1)):
             if signal is None:
                 continue
             good = np.isfinite(signal)
@@ -146,7 +155,7 @@ def _scaled(channels, rows):
                 signal = np.interp(np.arange(rows), np.flatnonzero(good), signal[good])
             span = np.ptp(signal)
             if span > 0:
-                columns.append((signal - signal[0]) / span)
+                columns.append((signal - signal[0]) * (weight / span))
     return np.stack(columns, axis=1) if columns else np.zeros((rows, 1))
 
 
@@ -160,6 +169,15 @@ def _farthest(signals, first, last):
     distance = np.abs(inside - line).max(axis=1)
     row = int(distance.argmax())
     return -float(distance[row]), first, first + 1 + row, last
+
+
+def _left_out(time, channels, kept):
+    """Return how far the rows left out lie from the lines, as a fraction of the span."""
+    errors = [0.0]
+    for _, before, _ in channels.values():
+        line = np.interp(time, time[kept], before[kept])
+        errors.append(float(np.abs(line - before).max() / max(np.ptp(before), 1e-300)))
+    return round(max(errors), 4)
 
 
 def _worst_stretch(channels, rows, length):

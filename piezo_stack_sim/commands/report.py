@@ -1,0 +1,26 @@
+"""``piezo_stack report``: the report once more, from the diagnosis alone."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command('report')
+@click.argument('diagnosis', metavar='DIAGNOSIS.JSON')
+@click.option('--out', metavar='HTML',
+              help='File to write; by default report.html beside the diagnosis.')
+def command(diagnosis, out):
+    """
+    Render report.html again from DIAGNOSIS.JSON, and print the summary.
+
+    Nothing else is needed: not the recordings, not the parameter file.
+
+    """
+    from piezo_stack_sim.gap.report import write_report
+    from piezo_stack_sim.gap.storage import read_diagnosis
+    from piezo_stack_sim.gap.summary import terminal_summary
+
+    found = read_diagnosis(diagnosis)
+    out = Path(out) if out else Path(diagnosis).with_name('report.html')
+    write_report(found, out)
+    terminal_summary({**found, 'files': {'report': str(out)}})

@@ -1,0 +1,146 @@
+"""The diagnosis on a terminal: at most 25 lines, plain in a pipe."""
+
+import textwrap
+
+from piezo_stack_sim.gap.quantities import (listing, percent, quantity, times_noise, unit_of,
+                                            UNKNOWN, words)
+from piezo_stack_sim.gap.wording import (next_sentence, reference_score, shrinkage_channels,
+                                         verdict_sentence, VERDICTS)
+
+LINES = 25
+_COLOURS = {'NO_GAP': 'green', 'CAUSE': 'cyan', 'MULTIPLE': 'cyan', 'AMBIGUOUS': 'yellow',
+            'UNKNOWN': 'red', 'NOT_IDENTIFIABLE': 'yellow'}
+# For terminals and pipes that take no UTF-8
+_PLAIN = str.maketrans({'µ': 'u', '×': 'x', '−': '-', '–': '-', '→': '>', '±': '+-', '∞': 'inf',
+                        '…': '~', '█': '#', '·': '.'})
+
+
+def terminal_summary(diagnosis, console=None):
+    """
+    Print the verdict, the gap, where it lies, the causes, how far it shrinks and what to do next.
+
+    Parameters
+    ----------
+    diagnosis : dict
+        Of the shape that :func:`piezo_stack_sim.gap.schema.validate` accepts.
+    console : rich.console.Console, optional
+        Where to print; by default standard output, coloured only if it is a terminal.
+
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    console = console or Console()
+    width = max(console.width, 40)
+    narrow = not console.encoding.lower().startswith('utf')
+    for line, style in summary_lines(diagnosis, width):
+        line = line.translate(_PLAIN).encode('ascii', 'replace').decode() if narrow else line
+        # Text, not markup: a file called [red] stays [red]
+        console.print(Text(line, style=style), soft_wrap=True, highlight=False)
+
+
+def summary_lines(diagnosis, width=80):
+    """Return the summary as at most 25 pairs of a line and its style."""
+    verdict = diagnosis['verdict']
+    name = f': {diagnosis["name"]}' if diagnosis.get('name') else ''
+    lines = [(_cut(f'{VERDICTS[verdict]}{name}', width), f'bold {_COLOURS[verdict]}')]
+    lines += [(line, '') for line in _wrapped(verdict_sentence(diagnosis), width, 4)]
+    lines += [(_cut(line, width), style) for line, style in
+              [('', ''), *_gap(diagnosis), *_where(diagnosis), *_causes(diagnosis, width)]]
+    if diagnosis['next_experiment']:
+        text = next_sentence(diagnosis['next_experiment'])
+        lines += [(line, '') for line in _wrapped(f'Next    {text}', width, 2, ' ' * 8)]
+    if diagnosis['warnings']:
+        count = len(diagnosis['warnings'])
+        more = f' ({count - 1} more in the report)' if count > 1 else ''
+        lines.append((_cut(f'Warning {diagnosis["warnings"][0]}', width - len(more)) + more,
+                      'yellow'))
+    # Paths are for copying: never cut
+    lines += [(f'Wrote   {_printable(path)}', 'dim')
+              for path in list(diagnosis.get('files', {}).values())[:3]]
+    return lines[:LINES]
+
+
+def _gap(diagnosis):
+    """Return a row a channel: the gap, and what is left of it where something was switched on."""
+    rows = [('Gap', 'rms', 'of stroke', 'noise', '× noise', 'after', 'S', 'ceiling')]
+    shrinkage = shrinkage_channels(diagnosis)
+    for channel, gap in list(diagnosis['gap'].items())[:4]:
+        unit = unit_of(channel, diagnosis)
+        shrunk = shrinkage.get(channel) if diagnosis['selected'] else None
+        left = shrunk and shrunk['after']
+        ceiling = None
+        if diagnosis['verdict'] != 'NO_GAP':
+            ceiling = reference_score(diagnosis, 'ceiling', channel)
+        rows.append((
+            f'  {words(channel)}', quantity(gap['rms'], unit), percent(gap['nrmse'], 2),
+            quantity(gap['noise_rms'], unit), times_noise(gap['over_noise']),
+            UNKNOWN if left is None else quantity(left ** 0.5, unit),
+            percent(shrunk and shrunk['S'], 1),
+            percent(ceiling, 1)))
+    return [(f'{row[0]:<15}' + ''.join(f'{cell:>{size}}' for cell, size in
+                                       zip(row[1:], (9, 10, 9, 9, 9, 8, 9))),
+             'bold' if row is rows[0] else '') for row in rows]
+
+
+def _where(diagnosis):
+    """Return the block's line and a line on recordings, bands and regimes."""
+    where = diagnosis['where']
+    if diagnosis['verdict'] == 'NO_GAP':
+        return []
+    lines = [f'Where   {_largest(where["shares"], 4)}']
+    details = []
+    if where['records']:
+        details.append(f'recording {_largest(where["records"], 1, plain=True)}')
+    if where['bands']:
+        band = max(where['bands'], key=lambda row: row['share'])
+        high = '' if band['high'] is None else f' to {band["high"]:g}'
+        details.append(f'{band["low"]:g}{high} Hz {percent(band["share"])}'
+                       if high else f'above {band["low"]:g} Hz {percent(band["share"])}')
+    if where['regimes']:
+        regime = max(where['regimes'], key=lambda row: row['share'])
+        details.append(f'{regime["name"]} {percent(regime["share"])}')
+    if details:
+        lines.append(f'        {"; ".join(details)}')
+    return [(line, '') for line in lines]
+
+
+def _largest(shares, count, plain=False):
+    ordered = sorted(shares.items(), key=lambda item: -item[1])[:count]
+    return listing((f'{key if plain else words(key)} {percent(share)}' for key, share in ordered),
+                   last='and')
+
+
+def _causes(diagnosis, width):
+    """Return the five best candidates, with a bar where there is room."""
+    causes = diagnosis['causes'][:5]
+    if not causes:
+        return []
+    tied = diagnosis['ambiguity_set'] if len(diagnosis['ambiguity_set']) > 1 else ()
+    lines = [('Causes', 'bold')]
+    for rank, cause in enumerate(causes, 1):
+        effects = cause['effect'].split('+')
+        on = all(effect in diagnosis['selected'] for effect in effects)
+        marks = [mark for mark, wanted in (
+            ('on', on), ('tie', all(effect in tied for effect in effects)),
+            ('at bound', any(row['at_bound'] for row in cause['parameters'].values()))) if wanted]
+        bar = '█' * round(min(20, max(width - 68, 0)) * cause['probability'])
+        lines.append((f'  {rank} {words(cause["effect"]):<28} {cause["block"]:<12} '
+                      f'{percent(cause["probability"]):>6}  {", ".join(marks):<12} {bar}'.rstrip(),
+                      'bold' if on else ''))
+    return lines
+
+
+def _printable(text):
+    """Return the text without what a terminal would obey instead of show."""
+    return ''.join(character if character.isprintable() else '?' for character in str(text))
+
+
+def _cut(text, width):
+    text = _printable(text)
+    return text if len(text) <= width else f'{text[:max(width - 1, 1)]}…'
+
+
+def _wrapped(text, width, most, indent=''):
+    return textwrap.wrap(_printable(text), width, subsequent_indent=indent, max_lines=most,
+                         placeholder=' …')
