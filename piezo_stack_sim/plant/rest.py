@@ -52,16 +52,18 @@ def rest(system: System, s: np.ndarray, q: float, v: float, inputs: np.ndarray,
     return s
 
 
-def rest_of_unit_charge(system: System) -> tuple[np.ndarray, float]:
+def rest_of_unit_charge(system: System) -> tuple[np.ndarray, float, float]:
     """
-    Return the states at rest per coulomb, and what opposes the charge besides the elements.
+    Return the states at rest per coulomb, and what they make of Eqs. 11 and 12.
 
     Returns
     -------
     states : numpy.ndarray, shape (N,)
         With a charge of 1 C and zero volts at the leads, no force.
+    capacitance : float
+        q / v_t (F), the free capacitance C + T^2/k of the ideal stack.
     elastance : float
-        v_t and all linear voltages in series with v_rc, V/C (Eqs. 11, 12, 15).
+        Linear voltages in series with the Maxwell capacitor, V/C.
 
     """
     names = system.state_names
@@ -70,6 +72,5 @@ def rest_of_unit_charge(system: System) -> tuple[np.ndarray, float]:
         s[names.index('charge')] = 1.0
     s = rest(system, s, 1.0, 0.0, np.zeros(kernel.N_INPUTS),
              set(names) - {'charge', 'velocity'})
-    ratio, cap = system.real[kernel.R_T], system.real[kernel.R_C]
-    opposing = system.opposing[0]
-    return s, float((1.0 - ratio * s[0]) / cap + opposing[:-1] @ s + opposing[-1])
+    capacitance = system.real[kernel.R_C] / (1.0 - system.real[kernel.R_T] * s[0])
+    return s, float(capacitance), float(system.opposing[0, :-1] @ s + system.opposing[0, -1])

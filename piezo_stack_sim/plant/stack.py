@@ -179,12 +179,11 @@ class Plant:
     def _polarise(self, peak: float) -> None:
         """Lead the relaxed device quasi-statically to a voltage and back to zero."""
         system = self._system
-        per_charge, elastance = rest_of_unit_charge(system)
-        free = 1.0 / elastance  # at rest q = free (v - v_rc)
+        per_charge, free, elastance = rest_of_unit_charge(system)
         q = 0.0
         for voltage in (peak, 0.0):
             q = kernel.move_charge(q, free * voltage, free, system.real, self._flags, self._p,
-                                   system.r, system.k, system.v_break, 0.0)
+                                   system.r, system.k, system.v_break, elastance)
         kernel.stick(self._flags, self._p, system.r, q)
         self._s += q * per_charge
         self._memory[:] = (self._s[0], q, q, self._s[0])
