@@ -17,7 +17,7 @@ REQUIRED = [
     'numpy>=1.26',
     'pyyaml>=6.0',
     'rich>=13.7',
-    'rosbags>=0.10',
+    'rosbags>=0.11.3',
     'scipy>=1.11',
 ]
 ROS = ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp']
