@@ -17,6 +17,8 @@ import numpy as np
 _ROUNDING = 0.05
 _WINDOW = 50
 _LONG_GAP = 10
+# Periods; more are no sampling, and too many to count in a float.
+_LONGEST = 1e12
 # Residual power over that of a random walk with the same intervals; arrival jitter has 6/n of it.
 _BOUNDED = 0.05
 
@@ -74,7 +76,7 @@ def find_grid(time):
 
 def _regular(time, step):
     period = float(np.median(step))
-    if period <= 0.0:
+    if period <= 0.0 or time[-1] - time[0] > _LONGEST * period:
         return None
     single = np.abs(step - period) < 0.5 * period
     period = float(np.mean(step[single]))
@@ -151,7 +153,7 @@ def _jittered(time, step):
     if window < 5:
         return None
     period = float(np.median(time[window:] - time[:-window])) / window
-    if period <= 0.0:
+    if period <= 0.0 or time[-1] - time[0] > _LONGEST * period:
         return None
     index = np.concatenate(([0], np.cumsum(1 + _lost(time, step, period, window))))
     origin, period, residual = _line(index, time)

@@ -20,6 +20,8 @@ _ODD = 2.0
 # Without a device, what no piezo stack reaches: V, C, m, N.
 _LIMITS = {'voltage': 1e4, 'charge': 0.1, 'displacement': 5e-3}
 _FORCE_LIMIT = 1e6
+# Smaller in whatever unit than any sensor sees.
+_NOTHING = 1e-30
 
 
 def spread(values):
@@ -75,7 +77,7 @@ class _Reading:
         self.distance = 0.0
         for channel, values in recording.measured.items():
             expected, measured = spread(answer[channel]), spread(values)
-            if expected <= 0.0 or measured <= 0.0:
+            if min(expected, measured) < _NOTHING:
                 continue
             power, cost, distance = _explain(channel, measured / expected)
             self.powers[channel], self.ratios[channel] = power, measured / expected

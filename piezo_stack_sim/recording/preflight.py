@@ -102,8 +102,9 @@ def _sizes_and_times(recording, statics, require_measured):
         raise refuse(recording, None, f'nothing was measured, none of {", ".join(MEASURED)}',
                      'map the channel, as in --map displacement=...')
     for check in (
-        samples.check_length, timing.check_inputs_complete, timing.check_order,
-        timing.check_unit, timing.check_grid, samples.check_missing, samples.check_length,
+        samples.check_length, samples.check_numbers, timing.check_inputs_complete,
+        timing.check_order, timing.check_unit, timing.check_grid, samples.check_missing,
+        samples.check_length,
     ):
         recording, more = check(recording)
         findings += more

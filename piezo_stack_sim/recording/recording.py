@@ -33,7 +33,7 @@ def _vector(values, what):
     return array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """
     One run of a device.
@@ -122,6 +122,11 @@ class Recording:
         object.__setattr__(self, 'measured', measured)
         object.__setattr__(self, 'has_force', bool(has_force))
         object.__setattr__(self, 'findings', tuple(self.findings))
+
+    def __repr__(self):
+        """Return a line about it, without its numbers."""
+        return (f'Recording({self.name!r}, {len(self)} rows, {self.duration:.4g} s, '
+                f'{", ".join(self.columns())})')
 
     def __len__(self):
         """Return the number of rows."""

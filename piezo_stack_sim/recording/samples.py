@@ -11,6 +11,9 @@ _FEWEST_ROWS = 20
 _CLIPPED_RUN = 8
 _STANDING_RUN = 25
 _MOVED = 0.03
+# No unit makes a quantity of a stack that large.
+_ABSURD = 1e30
+_SPIKE = 10.0
 # An offset that is no noise, disturbance or drift, as a part of the channel's range.
 _OFFSET = 0.02
 
@@ -25,6 +28,44 @@ def without(recording, channel):
     """Return the recording without a measured channel."""
     return recording.replace(
         measured={name: x for name, x in recording.measured.items() if name != channel})
+
+
+def check_numbers(recording):
+    """
+    Count as missing what is no measurement: infinities, absurd sizes, lone spikes.
+
+    Drivers write such numbers (inf, 1e38, -9999) where a sensor did not answer.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    """
+    findings, changes, measured = [], {}, dict(recording.measured)
+    for name in ('time', 'command', 'external_force', *measured):
+        values = measured[name] if name in measured else getattr(recording, name)
+        absurd = np.isinf(values) | (np.abs(values) > _ABSURD)
+        if name in measured:
+            absurd |= _spikes(np.where(absurd, np.nan, values))
+        if not absurd.any():
+            continue
+        first = int(np.argmax(absurd))
+        findings.append(found(
+            recording, first, REPAIRED,
+            f'{name} is {values[first]:.6g} there, as out of place in {absurd.sum()} rows',
+            'they count as missing'))
+        (measured if name in measured else changes)[name] = np.where(absurd, np.nan, values)
+    return recording.replace(measured=measured, **changes), findings
+
+
+def _spikes(values):
+    """Return which values lie ten times the channel's range away, if they are few."""
+    finite = values[np.isfinite(values)]
+    if finite.size < _FEWEST_ROWS:
+        return np.zeros(values.size, dtype=bool)
+    low, high = np.percentile(finite, (1.0, 99.0))
+    far = np.nan_to_num(np.abs(values - 0.5 * (low + high))) > _SPIKE * (high - low)
+    return far & (high > low) & (np.mean(far) < 0.01)
 
 
 def check_missing(recording):
