@@ -108,7 +108,9 @@ def test_a_cell_is_its_number_or_an_error(tmp_path_factory, cells):
     (GOOD.replace('1e-7', '1e-7,4'), ': row 3: 4 cells, but the header has 3'),
     (GOOD.replace('1,1e-7', '1'), ': row 3: 2 cells, but the header has 3'),
     (GOOD.replace('time', 'tiem'), ": no column \"time\" (did you mean 'tiem'?)"),
-    (GOOD.replace('voltage_command', 'u'), ': no voltage_command or charge_command'),
+    (GOOD.replace('voltage_command', 'u'), ': no column "voltage_command" or "charge_command"'),
+    (GOOD.replace('voltage_command', 'voltage_cmd'), ': no column "voltage_command" or '
+     '"charge_command" (did you mean \'voltage_cmd\'?): map it (--map voltage_command=...)'),
     (GOOD.replace('displacement', 'time'), ": columns 1 and 3 are both 'time'"),
     (GOOD.encode('utf-16'), ': not UTF-8'),
     (GOOD.replace('time', 'zeit\xe4').encode('latin-1'), ': row 1: not UTF-8'),

@@ -3,6 +3,7 @@
 import csv
 import gzip
 import io
+from itertools import chain
 import math
 import zlib
 
@@ -117,11 +118,11 @@ class _Header:
 
 def _number(text):
     """Return the float of a cell, NaN for a missing one, None for anything else."""
-    text = text.strip()
+    text = text.strip(' \t')
     if text.lower() in _MISSING:
         return math.nan
-    # float() would also take 1_000 and the digits of other scripts.
-    if '_' in text or not text.isascii():
+    # float() would also take 1_000, the digits of other scripts and odd white space.
+    if '_' in text or not text.isascii() or not text.isprintable():
         return None
     try:
         return float(text)
@@ -132,8 +133,9 @@ def _number(text):
 class _Columns:
     """Which column holds which channel, in which unit."""
 
-    def __init__(self, path, names, mapping, units):
-        self.path, self.names = path, names
+    def __init__(self, path, header, mapping, units):
+        self.path, self.names = path, header.names
+        names = header.names
         self.index, self.scale, self.findings = {}, {}, []
         for channel, source in mapping.items():
             if isinstance(source, str):
@@ -153,7 +155,7 @@ class _Columns:
             if channel in self.index:
                 self.scale[channel] = factor
                 self._note(self.index[channel], f'{channel} is multiplied by {factor:g} (--unit)')
-        self._check()
+        self._check(header.drive)
 
     def _note(self, index, what, mend=''):
         what = f'column {shown(self.names[index])}: {what}'
@@ -176,17 +178,21 @@ class _Columns:
         names = ', '.join(shown(name) for name in self.names[:12])
         return names + (', ...' if len(self.names) > 12 else '')
 
-    def _check(self):
-        if 'time' not in self.index:
-            raise InputError(
-                f'{self.path}: no column "time"{suggestion("time", self.names)}: map it '
-                f'(--map time=...); its columns are {self._listed()}'
-            )
+    def _lacks(self, channel, unused, other='', more=''):
+        raise InputError(
+            f'{self.path}: no column "{channel}"{other}{suggestion(channel, unused)}: map it '
+            f'(--map {channel}=...){more}; its columns are {self._listed()}'
+        )
+
+    def _check(self, drive):
         used = set(self.index.values())
         missing = [channel for channel in CHANNELS if channel not in self.index]
-        if not any(name in self.index for name in COMMANDS):
-            # The stricter check comes with the drive; here a misspelt name can still be seen.
-            missing = [*COMMANDS, *missing]
+        unused = [name for place, name in enumerate(self.names) if place not in used]
+        if 'time' in missing:
+            self._lacks('time', unused)
+        if not drive and all(name in missing for name in COMMANDS):
+            self._lacks('voltage_command', unused, ' or "charge_command"',
+                        '; or say "# drive: open" (or shorted) above the header')
         for place, name in enumerate(self.names):
             hint = suggestion(name.lower(), missing) if place not in used and name else ''
             if hint:
@@ -292,15 +298,14 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
     """
     path = str(path)
     lines = _Lines(path)
-    header = columns = None
-    parts, numbers, line, seen, kept, step = [], [], 1, 0, 0, 1
-    for block in lines:
-        if header is None:
-            header = _Header(path, block)
-            columns = _Columns(path, header.names, mapping or {}, units or {})
-            line, block = header.row + 1, header.rest
-        if not block:
-            continue
+    blocks = iter(lines)
+    first = next(blocks, None)
+    if first is None:
+        raise InputError(f'{path}: empty: expected a header and rows, each with a line end')
+    header = _Header(path, first)
+    columns = _Columns(path, header, mapping or {}, units or {})
+    parts, numbers, line, seen, kept, step = [], [], header.row + 1, 0, 0, 1
+    for block in chain([header.rest] if header.rest else [], blocks):
         values, rows = _parse(path, block, line, header, columns)
         line += block.count(b'\n')
         chosen = slice(-seen % step, None, step)
@@ -311,8 +316,6 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
         while kept * values.shape[1] > max_values and kept > 1:
             parts, numbers = [np.concatenate(parts)[::2]], [np.concatenate(numbers)[::2]]
             kept, step = len(parts[0]), 2 * step
-    if header is None:
-        raise InputError(f'{path}: empty: expected a header and rows, each with a line end')
     findings = list(columns.findings)
     if lines.cut:
         findings.append(Finding(

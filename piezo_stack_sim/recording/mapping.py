@@ -168,16 +168,13 @@ def unit_scale(quantity, text):
     """
     base = UNITS[quantity]
     match = _UNIT.fullmatch(text.strip())
-    unit = match['unit'] if match else None
     scale = None
-    if match and (unit or match['factor']):
-        if not unit:
-            scale = 1.0
-        elif unit.endswith(base):
-            scale = _PREFIXES.get(unit[:-len(base)])
-    if scale is not None:
+    if match and (match['unit'] or match['factor']):
+        unit = match['unit'] or base
+        scale = _PREFIXES.get(unit[:-len(base)]) if unit.endswith(base) else None
+    if match and scale:
         scale *= float(match['factor'] or 1.0) * (-1.0 if match['sign'] == '-' else 1.0)
-    if scale is None or scale == 0.0 or not math.isfinite(scale):
+    if not scale or not math.isfinite(scale):
         raise InputError(
             f'--unit {quantity}: {shown(text)} is no unit of it: expected {base} with a prefix of '
             'k, m, u, n, p, or a factor, or both as in 2.5*um, and a sign'

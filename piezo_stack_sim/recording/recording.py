@@ -77,8 +77,9 @@ class Recording:
     time: np.ndarray
     drive: str
     command: np.ndarray
-    external_force: np.ndarray | None = None
-    has_force: bool | None = None
+    # None only as an argument: __post_init__ puts zeros there, and whether it was given.
+    external_force: np.ndarray = None  # type: ignore[assignment]
+    has_force: bool = None  # type: ignore[assignment]
     measured: dict = field(default_factory=dict)
     source: str = ''
     rows: np.ndarray | None = None
