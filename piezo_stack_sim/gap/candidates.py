@@ -1,0 +1,112 @@
+"""
+Every effect of the registry as a hypothesis; pairs greedily after that.
+
+An effect is tried from several places.  One simulation at each tells, by a
+linear look, which places are worth a whole fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
+from piezo_stack_sim.gap.forward import parallel
+from piezo_stack_sim.gap.starts import Extent, starts_of
+
+WHOLE_FITS = 2  # places of an effect from which a whole fit is made
+PROMISING = 0.02  # part of the best promise that earns an effect a whole fit
+SHORT = 1  # Gauss-Newton steps for the others
+PARTNERS = 6  # second effects that get a whole fit
+
+
+@dataclass
+class Probe:
+    """What one effect, switched on at one place, does to the residual."""
+
+    effect: str
+    place: dict[str, float]
+    direction: np.ndarray | None  # (N,) change of the residual
+    gain: float = 0.0  # fall of the cost that a linear look promises
+
+
+@dataclass
+class Search:
+    """All hypotheses that were fitted: a name like ``creep`` or ``creep+friction`` to its fit."""
+
+    nominal: Fit
+    fits: dict[str, Fit] = field(default_factory=dict)
+    probes: dict[str, list[Probe]] = field(default_factory=dict)
+
+
+def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None]) -> Search:
+    """Fit the nominal device alone, then with every effect by itself."""
+    search = Search(fitter.fit({}, steps=4))
+    nominal = search.nominal
+    jobs = [(name, place) for name, effect in EFFECTS.items()
+            for place in starts_of(effect, extent)]
+
+    def probe(job):
+        name, place = job
+        return _probe(fitter, name, place, {}, nominal)
+
+    progress('looking at every effect')
+    for probe_ in parallel(probe, jobs):
+        search.probes.setdefault(probe_.effect, []).append(probe_)
+    best = max(p.gain for probes in search.probes.values() for p in probes)
+    wholes = []
+    for name, probes in search.probes.items():
+        probes.sort(key=lambda p: -p.gain)
+        promising = [p for p in probes[:WHOLE_FITS] if p.gain >= PROMISING * best]
+        wholes += [(name, p.place, STEPS) for p in promising]
+        if not promising:
+            wholes.append((name, probes[0].place, SHORT))
+
+    def whole(job):
+        name, place, steps = job
+        return name, fitter.fit({name: place}, nominal.phi, steps)
+
+    progress('fitting every effect')
+    for name, fit in parallel(whole, wholes):
+        if name not in search.fits or fit.cost < search.fits[name].cost:
+            search.fits[name] = fit
+    return search
+
+
+def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,
+                    progress: Callable[[str], None]) -> None:
+    """Fit pairs of ``base`` and every other effect that promises something."""
+    fit = search.fits[base]
+    used = base.split('+')
+    jobs = [(name, p.place) for name, probes in search.probes.items() if name not in used
+            for p in probes]
+    progress(f'looking for what {base} leaves')
+    probes = parallel(lambda job: _probe(fitter, *job, fit.effects, fit), jobs)
+    best: dict[str, Probe] = {}
+    for probe in probes:
+        if probe.effect not in best or probe.gain > best[probe.effect].gain:
+            best[probe.effect] = probe
+    ranked = sorted(best.values(), key=lambda p: -p.gain)[:PARTNERS]
+
+    def whole(probe):
+        effects = {**fit.effects, probe.effect: probe.place}
+        return '+'.join(sorted([*used, probe.effect], key=list(EFFECTS).index)), fitter.fit(
+            effects, fit.phi, steps=6)
+
+    progress(f'fitting pairs with {base}')
+    for name, pair in parallel(whole, ranked):
+        if name not in search.fits or pair.cost < search.fits[name].cost:
+            search.fits[name] = pair
+
+
+def _probe(fitter: Fitter, name: str, place: dict[str, float], others: dict, fit: Fit) -> Probe:
+    moved = fitter.residual_of({**others, name: place}, fit.phi)
+    direction = moved - fit.residual
+    if not np.isfinite(direction).all() or np.abs(direction).max() > 1e5:
+        return Probe(name, place, None)
+    gain = fitter.linear_gain(direction, fit)
+    full_step = fitter.cost(fit.residual, fit.phi) - fitter.cost(moved, fit.phi)
+    return Probe(name, place, direction.astype(np.float32), max(gain, full_step))

@@ -1,0 +1,123 @@
+"""
+Recordings made ready for comparison: thinned, weighted by their noise, split in two.
+
+Every row keeps its place in time, because hysteresis remembers; what is
+withheld from a fit are stretches of rows, alternating along each recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_stack_sim.gap.noise import ChannelNoise, estimate_noise
+from piezo_stack_sim.recording.recording import Recording
+
+CHANNELS = ('voltage', 'charge', 'displacement')
+ROWS = 7500  # a recording is averaged down to at most about this many rows
+STRETCHES = 20  # alternating stretches that are fitted and withheld
+
+
+@dataclass(frozen=True)
+class Track:
+    """
+    One recording as the comparison sees it.
+
+    Attributes
+    ----------
+    recording : Recording
+        All rows, SI units.
+    factor : int
+        Neighbouring rows that are averaged into one.
+    measured : dict of str to ndarray, shape (m,)
+        Averaged measurements.
+    sigma : dict of str to float
+        Standard deviation of the noise of an averaged value, correlation in
+        time included.
+    fitted : ndarray of bool, shape (m,)
+        The rows that a fit may see; the others are withheld from it.
+
+    """
+
+    recording: Recording
+    factor: int
+    measured: dict[str, np.ndarray]
+    sigma: dict[str, float]
+    fitted: np.ndarray
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The measured channels, in a fixed order."""
+        return tuple(self.measured)
+
+    def average(self, values: np.ndarray) -> np.ndarray:
+        """Average (n,) values over neighbouring rows to (m,)."""
+        return average(values, self.factor)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All tracks of a set and the noise of each channel."""
+
+    tracks: tuple[Track, ...]
+    noise: dict[str, ChannelNoise]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that at least one recording measured."""
+        return tuple(c for c in CHANNELS if any(c in track.measured for track in self.tracks))
+
+    @property
+    def keys(self) -> list[tuple[int, str]]:
+        """Every (track, channel) there is, in the order of a residual vector."""
+        return [(i, c) for i, track in enumerate(self.tracks) for c in track.channels]
+
+
+def average(values: np.ndarray, factor: int) -> np.ndarray:
+    """Average (n,) values over ``factor`` neighbouring rows; a rest is left out."""
+    if factor == 1:
+        return np.asarray(values)
+    m = len(values) // factor
+    return np.asarray(values)[:m * factor].reshape(m, factor).mean(axis=1)
+
+
+def informative(recording: Recording) -> tuple[str, ...]:
+    """
+    Return the measured channels that can tell something.
+
+    Under charge drive the charge is the command, leads shorted fix the
+    voltage, leads open the charge; they are compared all the same, since a
+    drive or a leak may differ.
+    """
+    return tuple(c for c in CHANNELS if c in recording.measured)
+
+
+def prepare(recordings, simulated) -> Evidence:
+    """
+    Prepare recordings against a first simulation of them.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        After preflight.
+    simulated : sequence of dict
+        Channel to (n,) array for each recording, from the parameter file as given.
+
+    Returns
+    -------
+    Evidence
+
+    """
+    noise = estimate_noise(recordings, simulated)
+    tracks = []
+    for recording in recordings:
+        factor = max(1, int(round(len(recording) / ROWS)))
+        measured, sigma = {}, {}
+        for channel in informative(recording):
+            measured[channel] = average(recording.measured[channel], factor)
+            sigma[channel] = noise[channel].averaged(factor)
+        m = len(recording) // factor
+        stretch = np.arange(m) * STRETCHES // max(m, 1)
+        tracks.append(Track(recording, factor, measured, sigma, stretch % 2 == 0))
+    return Evidence(tuple(tracks), noise)

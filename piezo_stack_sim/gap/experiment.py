@@ -1,0 +1,97 @@
+"""
+What to measure next: the experiment that separates tied causes best, by simulation.
+
+Each tied cause, as it was fitted, is a device.  Every profile of
+``piezo_stack excite`` is played to all of them, with the channels at hand and
+with one more; the distance of the two closest, over the noise, is what an
+experiment is worth.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from piezo_stack_sim.gap.evidence import CHANNELS, Evidence
+from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.forward import parallel, simulate_channels
+from piezo_stack_sim.recording import programmes
+from piezo_stack_sim.recording.recording import Recording
+
+USUAL_NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
+MOST = 5  # tied causes that are compared
+AVERAGE = 10  # rows averaged, as a slow difference is what noise cannot hide
+
+
+def profiles() -> list[tuple[str, dict, Recording]]:
+    """Return the experiments there are to choose from: profile, settings, commands."""
+    return [
+        ('triangle', {'peaks': [30.0, 60.0, 90.0], 'frequency': 10.0}, programmes.triangle()),
+        ('triangle', {'peaks': [20.0, 90.0], 'frequency': 1.0, 'rate': 1000.0},
+         programmes.triangle(peaks=(20.0, 90.0), frequency=1.0, rate=1000.0)),
+        ('triangle', {'peaks': [90.0], 'frequency': 100.0, 'rate': 20000.0},
+         programmes.triangle(peaks=(90.0,), frequency=100.0, cycles=4, rate=20e3)),
+        ('steps', {'hold': 20.0}, programmes.steps(hold=20.0, rate=200.0)),
+        ('multisine', {'band': [20.0, 5000.0]}, programmes.multisine()),
+        ('force', {'squeeze': 120.0}, programmes.force()),
+    ]
+
+
+def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | None:
+    """
+    Return the ``next_experiment`` part of a diagnosis, or None.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        Of the set.
+    evidence : Evidence
+        What was measured, for its channels and noise.
+    tied : dict of str to Fit
+        The causes that the recordings do not decide between.
+
+    """
+    names = list(tied)[:MOST]
+    if len(names) < 2:
+        return None
+    devices = [fitter.device_with(tied[name].effects, tied[name].phi) for name in names]
+    noise = {c: evidence.noise[c].rms if c in evidence.noise else USUAL_NOISE[c]
+             for c in CHANNELS}
+    have = evidence.channels
+    candidates = []
+    for profile, settings, recording in profiles():
+        answers = parallel(lambda d, r=recording: simulate_channels(d, r), devices)
+        for extra in (None, *(c for c in CHANNELS if c not in have)):
+            channels = have if extra is None else (*have, extra)
+            closest = min(_distance(a, b, channels, noise)
+                          for a, b in itertools.combinations(answers, 2))
+            # A channel more is more work than another profile: ask for it when it pays.
+            cost = 1.0 if extra is None else 1.5
+            candidates.append((closest / cost, closest, profile, settings, extra))
+    candidates.sort(key=lambda c: -c[0])
+    _, separation, profile, settings, extra = candidates[0]
+    others = [c for c in candidates[1:] if c[2] != profile or c[4] != extra][:2]
+    return {**_entry(separation, profile, settings, extra, names),
+            'alternatives': [_entry(c[1], c[2], c[3], c[4], names) for c in others]}
+
+
+def _entry(separation, profile, settings, extra, names) -> dict:
+    words = ' '.join(f'--{key} {" ".join(map(str, value)) if isinstance(value, list) else value}'
+                     for key, value in settings.items())
+    besides = f', {extra} measured besides' if extra else ''
+    return {'profile': profile, 'settings': settings, 'add_channel': extra, 'separates': names,
+            'separation': float(separation), 'command': f'piezo_stack excite {profile} {words}',
+            'why': f'the two closest of the tied causes then differ by {separation:.1f} times '
+                   f'the noise{besides}'}
+
+
+def _distance(a: dict, b: dict, channels, noise) -> float:
+    worst = 0.0
+    for channel in channels:
+        difference = a[channel] - b[channel]
+        rows = difference.size // AVERAGE * AVERAGE
+        slow = difference[:rows].reshape(-1, AVERAGE).mean(axis=1)
+        worst = max(worst, float(np.sqrt(np.mean(slow ** 2))) / noise[channel]
+                    * AVERAGE ** 0.5)
+    return worst

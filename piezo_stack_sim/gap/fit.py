@@ -1,0 +1,259 @@
+"""
+A hypothesis fitted by simulation error: effects on top of the re-tuned nominal device.
+
+Bounded Gauss-Newton with a trust region: the derivative with respect to the
+effect is taken by simulation at every step, that with respect to the nominal
+parameters once, for it hardly changes within their uncertainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from piezo_stack_sim.effects.base import Parameter
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.gap.evidence import Evidence
+from piezo_stack_sim.gap.forward import fitted_rows, residuals
+from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.plant import Device
+
+STEPS = 8
+ENOUGH = 1e-4  # relative fall of the cost below which a fit has arrived
+
+
+@dataclass(frozen=True)
+class Free:
+    """One parameter of an effect that is being fitted, walked in a scale of its own."""
+
+    effect: str
+    parameter: Parameter
+    unit_step: float
+
+    def to_value(self, walk: float) -> float:
+        """Return the value (SI) at a place of the walk."""
+        if self.parameter.scale == 'log':
+            return math.exp(walk)
+        return walk * self.unit_step
+
+    def to_walk(self, value: float) -> float:
+        """Return the place of the walk for a value (SI)."""
+        if self.parameter.scale == 'log':
+            return math.log(value)
+        return value / self.unit_step
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The bounds of the walk."""
+        return self.to_walk(self.parameter.lower), self.to_walk(self.parameter.upper)
+
+
+def free_parameters(effect: str, start: dict[str, float]) -> list[Free]:
+    """Return what can be fitted of an effect: parameters with a finite place to start from."""
+    free = []
+    for parameter in EFFECTS[effect].parameters:
+        value = start.get(parameter.name, parameter.start)
+        if not math.isfinite(value) or parameter.lower == parameter.upper:
+            continue
+        if parameter.scale == 'log' and value <= 0.0:
+            continue
+        step = abs(parameter.typical) if math.isfinite(parameter.typical) else 1.0
+        free.append(Free(effect, parameter, step or 1.0))
+    return free
+
+
+@dataclass
+class Fit:
+    """
+    A fitted hypothesis.
+
+    ``effects`` and ``phi`` are the best numbers, ``residual`` (N,) the weighted
+    residual of all rows there, ``cost`` the sum of squares over the fitted rows
+    plus the prior, ``jacobian`` (N, p) the derivative of the residual.
+    """
+
+    effects: dict[str, dict[str, float]]
+    phi: np.ndarray
+    residual: np.ndarray
+    cost: float
+    free: list[Free] = field(default_factory=list)
+    walk: np.ndarray = field(default_factory=lambda: np.empty(0))
+    jacobian: np.ndarray | None = None
+    simulations: int = 0
+    view: tuple | None = None
+
+    @property
+    def device_effects(self) -> dict[str, dict[str, float]]:
+        """Effects as a parameter file takes them."""
+        return {name: dict(values) for name, values in self.effects.items()}
+
+
+class Fitter:
+    """Fits hypotheses about one set of recordings to one nominal device."""
+
+    def __init__(self, device: Device, evidence: Evidence) -> None:
+        self.device = device
+        self.evidence = evidence
+        self.nuisance = Nuisance(device)
+        self.rows = fitted_rows(evidence)
+        self.base = residuals(device, evidence)
+
+    def device_with(self, effects: dict, phi: np.ndarray) -> Device:
+        """Return the nominal device, re-tuned and with effects on."""
+        device = self.nuisance.apply(self.device, phi)
+        return device.with_effects(effects) if effects else device
+
+    def prepare(self, parallel) -> None:
+        """Take the derivative with respect to the nominal parameters, over all cores."""
+        step = 2e-3
+        zero = np.zeros(len(self.nuisance.names))
+
+        def column(i):
+            phi = zero.copy()
+            phi[i] = step
+            return (residuals(self.device_with({}, phi), self.evidence) - self.base) / step
+
+        self.jacobian = np.column_stack(parallel(column, range(zero.size)))
+        seen = self.jacobian[self.rows]
+        self.nominal_square = seen.T @ seen
+
+    def residual_of(self, effects: dict, phi: np.ndarray) -> np.ndarray:
+        """Return the weighted residual (N,) of the re-tuned device with effects on."""
+        values = {name: EFFECTS[name].values(given) for name, given in effects.items()}
+        return self._residual(values, [], np.empty(0), phi)
+
+    def linear_gain(self, direction: np.ndarray, fit: Fit) -> float:
+        """
+        Return by how much the cost would fall along a direction of the residual.
+
+        Everything that ``fit`` was free to choose may move with it.
+        """
+        other, inverse, left = self._view(fit)
+        seen = direction[self.rows]
+        clear = seen - other @ (inverse @ (other.T @ seen))
+        length = float(clear @ clear)
+        return float(clear @ left) ** 2 / length if length > 1e-9 else 0.0
+
+    def _view(self, fit: Fit):
+        """Return what a linear look at a fit needs: free directions and what they leave."""
+        if fit.view is None:
+            other = (fit.jacobian if fit.jacobian is not None else self.jacobian)[self.rows]
+            n = other.shape[1] - self.nuisance.prior.size
+            precision = np.concatenate([np.full(n, 1e-6), self.nuisance.prior ** -2.0])
+            inverse = np.linalg.inv(other.T @ other + np.diag(precision))
+            left = fit.residual[self.rows]
+            left = left - other @ (inverse @ (other.T @ left))
+            fit.view = (other, inverse, left)
+        return fit.view
+
+    def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
+        """Return the sum of squares over the fitted rows plus that of the prior."""
+        seen = residual[self.rows]
+        return float(seen @ seen + np.sum((phi / self.nuisance.prior) ** 2))
+
+    def fit(self, effects: dict[str, dict[str, float]], phi: np.ndarray | None = None,
+            steps: int = STEPS, fixed: tuple[str, ...] = ()) -> Fit:
+        """
+        Fit effects, starting from the values given, and the nominal parameters.
+
+        Parameters
+        ----------
+        effects : dict
+            Effect id to parameter values (SI) to start from.
+        phi : ndarray, optional
+            Deviations of the nominal parameters to start from.
+        steps : int
+            The most Gauss-Newton steps.
+        fixed : tuple of str
+            Effects whose values stay.
+
+        Returns
+        -------
+        Fit
+
+        """
+        phi = np.zeros(len(self.nuisance.names)) if phi is None else phi.copy()
+        free = [f for name, values in effects.items() if name not in fixed
+                for f in free_parameters(name, values)]
+        effects = {name: EFFECTS[name].values(values) for name, values in effects.items()}
+        lower = np.array([f.limits[0] for f in free])
+        upper = np.array([f.limits[1] for f in free])
+        walk = np.array([f.to_walk(effects[f.effect][f.parameter.name]) for f in free])
+        walk = np.clip(walk, lower, upper)
+        residual = self._residual(effects, free, walk, phi)
+        cost = self.cost(residual, phi)
+        used, damping = 1, 1e-3
+        n = len(free)
+        jacobian = np.empty((residual.size, n))
+        precision = np.concatenate([np.zeros(n), self.nuisance.prior ** -2.0])
+        for _ in range(steps):
+            for j in range(n):
+                step = 0.02 if upper[j] - walk[j] > 0.02 else -0.02
+                moved = walk.copy()
+                moved[j] += step
+                jacobian[:, j] = (self._residual(effects, free, moved, phi) - residual) / step
+            used += n
+            seen = jacobian[self.rows]
+            cross = seen.T @ self.jacobian[self.rows]
+            square = np.block([[seen.T @ seen, cross], [cross.T, self.nominal_square]])
+            slope = np.concatenate([
+                seen.T @ residual[self.rows],
+                self.jacobian[self.rows].T @ residual[self.rows]])
+            slope += precision * np.concatenate([walk, phi])
+            fallen = False
+            for _ in range(4):
+                change = _bounded_step(
+                    square, precision, slope, damping,
+                    np.concatenate([lower - walk, -self.nuisance.bound - phi]),
+                    np.concatenate([upper - walk, self.nuisance.bound - phi]))
+                new_walk, new_phi = walk + change[:n], phi + change[n:]
+                new_residual = self._residual(effects, free, new_walk, new_phi)
+                used += 1
+                new_cost = self.cost(new_residual, new_phi)
+                if new_cost < cost:
+                    fallen = True
+                    break
+                damping = max(damping, 1e-3) * 30.0
+            if not fallen:
+                break
+            progress = (cost - new_cost) / max(cost, 1.0)
+            walk, phi, residual, cost = new_walk, new_phi, new_residual, new_cost
+            damping = max(damping / 30.0, 1e-6)
+            if progress < ENOUGH or (cost - new_cost) < 0.0:
+                break
+        return Fit(self._values(effects, free, walk), phi, residual, cost, free, walk,
+                   np.column_stack([jacobian, self.jacobian]) if n else self.jacobian, used)
+
+    def _values(self, effects, free, walk) -> dict[str, dict[str, float]]:
+        values = {name: dict(given) for name, given in effects.items()}
+        for f, place in zip(free, walk):
+            value = f.to_value(float(place))
+            values[f.effect][f.parameter.name] = min(max(value, f.parameter.lower),
+                                                     f.parameter.upper)
+        return values
+
+    def _residual(self, effects, free, walk, phi) -> np.ndarray:
+        try:
+            return residuals(self.device_with(self._values(effects, free, walk), phi),
+                             self.evidence)
+        except InputError:
+            # Numbers that no device can have: infinitely bad, but not the end of the search.
+            return np.full(self.base.size, 1e6)
+
+
+def _bounded_step(square, precision, slope, damping, low, high) -> np.ndarray:
+    """Minimise the local quadratic within bounds (active sets of scipy)."""
+    scale = np.sqrt(np.maximum(np.diag(square) + precision, 1e-12))
+    matrix = (square + np.diag(precision)) / np.outer(scale, scale)
+    matrix[np.diag_indices_from(matrix)] += damping + 1e-9
+    root = np.linalg.cholesky(matrix)
+    target = -np.linalg.solve(root, slope / scale)
+    low, high = np.minimum(low * scale, -1e-12), np.maximum(high * scale, 1e-12)
+    step = np.linalg.solve(root.T, target)
+    if np.any(step < low) or np.any(step > high):
+        step = lsq_linear(root.T, target, bounds=(low, high), tol=1e-6, max_iter=50).x
+    return np.clip(step, low, high) / scale

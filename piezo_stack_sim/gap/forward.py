@@ -1,0 +1,66 @@
+"""From numbers to residuals: the simulation of all recordings of a set."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+import os
+
+import numpy as np
+
+from piezo_stack_sim.gap.evidence import Evidence
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording.recording import Recording
+
+# The kernel releases the interpreter lock: threads share the arrays of a set.
+_POOL = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix='simulate')
+
+
+def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndarray]:
+    """Return voltage (V), charge (C) and displacement (m) of a device on a recording, (n,)."""
+    response = simulate(device, recording.time, recording.command, recording.external_force,
+                        recording.drive)
+    return {'voltage': response.voltage, 'charge': response.charge,
+            'displacement': response.displacement}
+
+
+def simulate_set(device: Device, recordings) -> list[dict[str, np.ndarray]]:
+    """Simulate every recording of a set, over all cores."""
+    return list(_POOL.map(lambda recording: simulate_channels(device, recording), recordings))
+
+
+def residuals(device: Device, evidence: Evidence) -> np.ndarray:
+    """
+    Return measured minus simulated over the noise, all tracks and channels in one vector.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        In the order of ``evidence.keys``.
+
+    """
+    def one(track):
+        simulated = simulate_channels(device, track.recording)
+        return [(track.measured[c] - track.average(simulated[c])) / track.sigma[c]
+                for c in track.channels]
+
+    return np.concatenate([row for rows in map(one, evidence.tracks) for row in rows])
+
+
+def spans(evidence: Evidence) -> list[slice]:
+    """Return where each (track, channel) lies in a residual vector."""
+    result, start = [], 0
+    for i, channel in evidence.keys:
+        size = evidence.tracks[i].measured[channel].size
+        result.append(slice(start, start + size))
+        start += size
+    return result
+
+
+def fitted_rows(evidence: Evidence) -> np.ndarray:
+    """Return which entries of a residual vector a fit may see, shape (N,)."""
+    return np.concatenate([evidence.tracks[i].fitted for i, _ in evidence.keys])
+
+
+def parallel(function, items) -> list:
+    """Call a function on items over all cores, keeping the order."""
+    return list(_POOL.map(function, items))

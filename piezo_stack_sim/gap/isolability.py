@@ -1,0 +1,58 @@
+"""
+Which effects these recordings can see, and which they cannot tell apart.
+
+Asked before anything is believed: every effect moves the simulated channels in
+some direction; what is left of it after the nominal parameters have done their
+best to imitate it must stand above the noise, and must not point where another
+effect points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezo_stack_sim.gap.candidates import Search
+from piezo_stack_sim.gap.fit import Fitter
+
+SEEN = 5.0  # length of a direction, in standard deviations, that counts as seen
+ALIKE = 0.985  # cosine between directions from which two effects count as one
+
+
+def isolability(fitter: Fitter, search: Search) -> tuple[list[list[str]], list[str]]:
+    """
+    Return the classes of effects that look alike, and the undetectable ones.
+
+    Directions are those of a typical strength of each effect, cleared of what
+    re-tuning the nominal parameters can imitate.
+    """
+    other, inverse, _ = fitter._view(search.nominal)
+    names, directions, unseen = [], [], []
+    for name, probes in search.probes.items():
+        clear = []
+        for probe in probes:
+            if probe.direction is None:
+                continue
+            seen = probe.direction[fitter.rows].astype(float)
+            clear.append(seen - other @ (inverse @ (other.T @ seen)))
+        longest = max(clear, key=np.linalg.norm, default=None)
+        if longest is None or np.linalg.norm(longest) < SEEN:
+            unseen.append(name)
+            continue
+        names.append(name)
+        directions.append((longest / np.linalg.norm(longest)).astype(np.float32))
+    if not names:
+        return [], unseen
+    cosine = np.abs(np.array(directions) @ np.array(directions).T)
+    classes, left = [], set(range(len(names)))
+    while left:
+        group, grow = set(), [min(left)]
+        while grow:
+            i = grow.pop()
+            if i in group:
+                continue
+            group.add(i)
+            grow += [j for j in left if cosine[i, j] > ALIKE and j not in group]
+        left -= group
+        if len(group) > 1:
+            classes.append([names[i] for i in sorted(group)])
+    return classes, unseen

@@ -1,0 +1,51 @@
+"""
+What the diagnosis may re-tune without calling it an effect.
+
+The numbers of the parameter file are known to ``relative_uncertainty``; within
+it they are nuisance: a deviation has a normal prior of half that width and is
+never allowed beyond it, so that what lies outside is left to an effect.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezo_stack_sim.plant import Device
+
+TABLE_1 = ('mass', 'stiffness', 'damping', 'linear_capacitance', 'transformer_ratio')
+
+
+class Nuisance:
+    """
+    The relative deviations phi of the nominal parameters, shape (p,).
+
+    First those of Table 1, then the stiffness and the break voltage of every
+    Maxwell element of Table 2.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        actuator = device.actuator
+        uncertainty = actuator.relative_uncertainty
+        n = len(actuator.maxwell_stiffness)
+        self.names = [*TABLE_1, *(f'maxwell_stiffness[{i}]' for i in range(n)),
+                      *(f'maxwell_break_voltage[{i}]' for i in range(n))]
+        self.bound = np.full(len(self.names), uncertainty)
+        # The elements were fitted jointly to one curve: single deviations are smaller.
+        self.prior = np.concatenate([np.full(5, 0.5 * uncertainty),
+                                     np.full(2 * n, 0.25 * uncertainty)])
+        self.n = n
+
+    def apply(self, device: Device, phi: np.ndarray) -> Device:
+        """Return the device with its nominal parameters changed by the factors 1 + phi."""
+        if not np.any(phi):
+            return device
+        actuator = device.actuator
+        changes = {name: getattr(actuator, name) * (1.0 + phi[i])
+                   for i, name in enumerate(TABLE_1)}
+        n = self.n
+        changes['maxwell_stiffness'] = tuple(
+            np.array(actuator.maxwell_stiffness) * (1.0 + phi[5:5 + n]))
+        changes['maxwell_break_voltage'] = tuple(
+            np.array(actuator.maxwell_break_voltage) * (1.0 + phi[5 + n:]))
+        return device.replace(actuator=actuator.replace(**changes))

@@ -1,0 +1,175 @@
+"""The parts of ``diagnosis.json`` that are numbers about fits and channels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
+from piezo_stack_sim.gap.fit import Fit, Fitter
+from piezo_stack_sim.gap.forward import spans
+from piezo_stack_sim.gap.noise import integrated_correlation
+from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
+from piezo_stack_sim.gap.verdict import Ranked
+
+UNITS = {'mass': 'kg', 'stiffness': 'N/m', 'damping': 'N s/m', 'linear_capacitance': 'F',
+         'transformer_ratio': 'N/V'}
+
+
+def gap_part(evidence: Evidence, simulated: list[dict]) -> dict:
+    """Return the gap of every channel, all rows, against one simulation."""
+    result = {}
+    for channel in evidence.channels:
+        wrong, span, independent = [], 0.0, 0.0
+        for track, answer in zip(evidence.tracks, simulated):
+            if channel not in track.measured:
+                continue
+            measured = track.recording.measured[channel]
+            error = measured - answer[channel]
+            wrong.append(error)
+            span = max(span, float(np.ptp(measured)))
+            independent += error.size / integrated_correlation(error)
+        rms = float(np.sqrt(np.mean(np.concatenate(wrong) ** 2)))
+        noise = evidence.noise[channel].rms
+        ratio = rms / noise
+        half = 1.96 * ratio / math.sqrt(2.0 * max(independent, 2.0))
+        result[channel] = {
+            'rms': rms, 'nrmse': rms / span if span > 0.0 else None, 'noise_rms': noise,
+            'over_noise': ratio, 'ci': [max(ratio - half, 0.0), ratio + half]}
+    return result
+
+
+def records_part(evidence: Evidence) -> list[dict]:
+    """Return what was read, one row a recording."""
+    return [{
+        'name': track.recording.name, 'source': track.recording.source,
+        'drive': track.recording.drive, 'rows': len(track.recording),
+        'duration': track.recording.duration, 'rate': float(track.recording.rate),
+        'channels': list(track.channels), 'has_force': track.recording.has_force,
+        'role': 'both'} for track in evidence.tracks]
+
+
+def covariance(fitter: Fitter, fit: Fit) -> np.ndarray:
+    """
+    Return the standard errors of (walk, phi) of a fit.
+
+    Residuals are correlated in time: their power counts by the number of
+    independent rows, not of rows.
+    """
+    n = len(fit.free)
+    jacobian = fit.jacobian[fitter.rows]
+    weights = np.empty(fit.residual.size)
+    for (_, _), where in zip(fitter.evidence.keys, spans(fitter.evidence)):
+        tau = integrated_correlation(fit.residual[where])
+        weights[where] = 1.0 / (tau * max(float(np.mean(fit.residual[where] ** 2)), 1.0))
+    weights = weights[fitter.rows]
+    precision = np.concatenate([np.full(n, 1e-12), fitter.nuisance.prior ** -2.0])
+    square = (jacobian * weights[:, None]).T @ jacobian + np.diag(precision)
+    return np.sqrt(np.maximum(np.diag(np.linalg.pinv(square)), 0.0))
+
+
+def calibration_part(fitter: Fitter, fit: Fit) -> dict:
+    """Return the re-tuned nominal parameters of Table 1."""
+    errors = covariance(fitter, fit)[len(fit.free):]
+    result = {}
+    for i, name in enumerate(fitter.nuisance.names[:5]):
+        nominal = getattr(fitter.device.actuator, name)
+        fitted = nominal * (1.0 + fit.phi[i])
+        half = 1.96 * nominal * float(errors[i])
+        bound = float(fitter.nuisance.bound[i])
+        side = int(fit.phi[i] > 0.999 * bound) - int(fit.phi[i] < -0.999 * bound)
+        result[name] = {
+            'nominal': nominal, 'fitted': float(fitted), 'ci': [fitted - half, fitted + half],
+            'unit': UNITS[name], 'allowed': bound,
+            'at_bound': {0: False, 1: 'upper', -1: 'lower'}[side]}
+    return result
+
+
+def cause_part(ranked: Ranked, fit: Fit, probability: float, judge: Judge, nominal: Fit,
+               fitter: Fitter) -> dict:
+    """Return one row of ``causes``."""
+    names = ranked.name.split('+')
+    blocks = list(dict.fromkeys(EFFECTS[name].block for name in names))
+    gain, error = judge.difference(fit.residual, nominal.residual)
+    errors = covariance(fitter, fit) if probability > 0.01 and fit.free else None
+    parameters = {}
+    for name in names:
+        for parameter in EFFECTS[name].parameters:
+            value = fit.effects[name][parameter.name]
+            key = parameter.name if len(names) == 1 else f'{name}.{parameter.name}'
+            parameters[key] = _parameter(parameter, value, fit, name, errors)
+    return {'effect': ranked.name, 'block': '+'.join(blocks),
+            'summary': ' '.join(EFFECTS[name].summary for name in names),
+            'probability': min(max(probability, 0.0), 1.0), 'parameters': parameters,
+            'delta_log_score': float(gain), 'se': float(error), 'S': float(ranked.removed)}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _parameter(parameter, value, fit: Fit, effect: str, errors) -> dict:
+    ci = None
+    at_bound: bool | str = False
+    for j, free in enumerate(fit.free):
+        if free.effect == effect and free.parameter.name == parameter.name:
+            low, high = free.limits
+            place = free.to_walk(value) if value > 0.0 or parameter.scale != 'log' else low
+            if place - low < 1e-3 * (high - low):
+                at_bound = 'lower'
+            elif high - place < 1e-3 * (high - low):
+                at_bound = 'upper'
+            if errors is not None and errors[j] < 50.0:
+                ends = [free.to_value(place - 1.96 * errors[j]),
+                        free.to_value(place + 1.96 * errors[j])]
+                ci = [_finite(end) for end in ends]
+    return {'value': _finite(value), 'unit': parameter.unit, 'ci': ci, 'at_bound': at_bound,
+            'neutral': _finite(parameter.neutral), 'lower': _finite(parameter.lower),
+            'upper': _finite(parameter.upper), 'typical': _finite(parameter.typical)}
+
+
+def shrinkage_part(evidence: Evidence, base, after, flexible, placebo) -> dict:
+    """Return S of every channel on the withheld rows, with placebo and ceiling."""
+    noise = noise_power(evidence)
+    old, new = channel_power(evidence, base), channel_power(evidence, after)
+    best, false = channel_power(evidence, flexible), channel_power(evidence, placebo)
+    result: dict = {'placebo': {}, 'ceiling': {}}
+    for channel, level in noise.items():
+        gap = old[channel] - level
+        real = gap > 0.05 * level
+        entry = {'before': old[channel], 'after': new[channel], 'noise': level,
+                 'S': 1.0 - (new[channel] - level) / gap if real else None, 'ci': None,
+                 'span': max(float(np.ptp(t.measured[channel])) for t in evidence.tracks
+                             if channel in t.measured)}
+        if real:
+            entry['ci'] = _interval(evidence, base, after, channel, level)
+        result[channel] = entry
+        result['placebo'][channel] = 1.0 - (false[channel] - level) / gap if real else None
+        result['ceiling'][channel] = 1.0 - (best[channel] - level) / gap if real else None
+    result['withheld'] = [f'every second of {STRETCHES} stretches of {t.recording.name}'
+                          for t in evidence.tracks]
+    return result
+
+
+def _interval(evidence: Evidence, base, after, channel, level) -> list[float]:
+    """Bootstrap the withheld stretches: 95 % interval of S."""
+    random = np.random.default_rng(7)
+    old, new, size = [], [], []
+    for (i, c), where in zip(evidence.keys, spans(evidence)):
+        if c != channel:
+            continue
+        track = evidence.tracks[i]
+        stretch = np.arange(track.fitted.size) * STRETCHES // track.fitted.size
+        for s in range(1, STRETCHES, 2):
+            inside = stretch == s
+            old.append(float(np.sum((base[where][inside] * track.sigma[c]) ** 2)))
+            new.append(float(np.sum((after[where][inside] * track.sigma[c]) ** 2)))
+            size.append(int(inside.sum()))
+    old_, new_, size_ = np.array(old), np.array(new), np.array(size)
+    pick = random.integers(0, old_.size, (400, old_.size))
+    rows = size_[pick].sum(axis=1)
+    before, then = old_[pick].sum(axis=1) / rows, new_[pick].sum(axis=1) / rows
+    values = 1.0 - (then - level) / np.maximum(before - level, 1e-3 * level)
+    return [float(v) for v in np.quantile(values, [0.025, 0.975])]

@@ -1,0 +1,93 @@
+"""
+How good a hypothesis is: its prediction of rows that its fit never saw.
+
+Residuals of a simulation are correlated in time, so a recording of thousands
+of rows holds only a few dozen independent ones.  A track counts with that
+number: L = -1/2 sum n_eff log Q, with Q the mean square of the weighted
+residual over the withheld rows of a (track, channel).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
+from piezo_stack_sim.gap.forward import spans
+from piezo_stack_sim.gap.noise import integrated_correlation
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Scores residual vectors of one set with one count of independent rows."""
+
+    evidence: Evidence
+    weights: np.ndarray  # independent withheld rows per (track, channel)
+
+    @classmethod
+    def from_residual(cls, evidence: Evidence, residual: np.ndarray, white: bool = False) -> Judge:
+        """Count independent rows from the residual of the best hypothesis at hand."""
+        weights = []
+        for (i, _), where in zip(evidence.keys, spans(evidence)):
+            withheld = ~evidence.tracks[i].fitted
+            tau = 1.0 if white else integrated_correlation(residual[where])
+            weights.append(max(withheld.sum() / tau, 3.0))
+        return cls(evidence, np.array(weights))
+
+    def powers(self, residual: np.ndarray) -> np.ndarray:
+        """Return Q of every (track, channel): 1 is nothing but noise."""
+        return np.array([
+            float(np.mean(residual[where][~self.evidence.tracks[i].fitted] ** 2))
+            for (i, _), where in zip(self.evidence.keys, spans(self.evidence))])
+
+    def score(self, residual: np.ndarray) -> float:
+        """Return the log score of a residual vector; greater is better."""
+        # A small floor: below the noise there is nothing to win.
+        return -0.5 * float(np.sum(self.weights * np.log(np.maximum(self.powers(residual), 0.3))))
+
+    def difference(self, residual: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
+        """Return by how much a residual scores better than a reference, and its error."""
+        parts = []
+        for k, ((i, _), where) in enumerate(zip(self.evidence.keys, spans(self.evidence))):
+            withheld = ~self.evidence.tracks[i].fitted
+            new, old = residual[where][withheld] ** 2, reference[where][withheld] ** 2
+            scale = max(float(np.mean(np.minimum(new, old))), 0.3)
+            pieces = np.array_split((old - new) / scale, max(2, STRETCHES // 2))
+            parts.append(0.5 * self.weights[k] / new.size * np.array([p.sum() for p in pieces]))
+        total = np.sum(parts, axis=0)
+        error = float(np.std(total, ddof=1) * math.sqrt(total.size))
+        return self.score(residual) - self.score(reference), error
+
+
+def channel_power(evidence: Evidence, residual: np.ndarray, fitted: bool | None = False
+                  ) -> dict[str, float]:
+    """
+    Return the mean square residual of every channel in SI units squared.
+
+    ``fitted`` False takes the withheld rows, True the fitted ones, None all.
+    """
+    totals: dict[str, list[float]] = {}
+    for (i, channel), where in zip(evidence.keys, spans(evidence)):
+        track = evidence.tracks[i]
+        rows = slice(None) if fitted is None else track.fitted == fitted
+        square = (residual[where][rows] * track.sigma[channel]) ** 2
+        entry = totals.setdefault(channel, [0.0, 0.0])
+        # Averaged rows stand for as many as they hold; their noise is that of the average.
+        entry[0] += float(np.sum(square))
+        entry[1] += square.size
+    return {channel: total / count for channel, (total, count) in totals.items() if count}
+
+
+def noise_power(evidence: Evidence) -> dict[str, float]:
+    """Return the power of the noise in the averaged rows, pooled as :func:`channel_power`."""
+    totals: dict[str, list[float]] = {}
+    for i, channel in evidence.keys:
+        track = evidence.tracks[i]
+        count = int((~track.fitted).sum())
+        noise = evidence.noise[channel]
+        entry = totals.setdefault(channel, [0.0, 0.0])
+        entry[0] += count * noise.rms ** 2 * min(1.0, noise.correlation / track.factor)
+        entry[1] += count
+    return {channel: total / count for channel, (total, count) in totals.items() if count}

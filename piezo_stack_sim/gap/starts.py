@@ -1,0 +1,118 @@
+"""
+Where to start the fit of an effect: a few places that suit the recordings.
+
+Derived from the parameters of an effect alone (unit, neutral value, scale), so
+that a new effect needs nothing here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import itertools
+import math
+
+import numpy as np
+
+from piezo_stack_sim.effects.base import Effect, Parameter
+from piezo_stack_sim.gap.evidence import Evidence
+
+MOST = 9  # places an effect is tried from
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far the recordings reach, as scales for what to try (SI units)."""
+
+    voltage: tuple[float, float]
+    displacement: float
+    current: float
+    period: float
+    duration: float
+    frequencies: tuple[float, ...]
+
+
+def extent_of(evidence: Evidence, residual: np.ndarray, spans) -> Extent:
+    """Measure how far recordings reach, and the frequencies at which a residual peaks."""
+    commands = [t.recording.command for t in evidence.tracks if t.recording.drive == 'voltage']
+    voltage = ((min(float(c.min()) for c in commands), max(float(c.max()) for c in commands))
+               if commands else (0.0, 1.0))
+    displacement = max((float(np.ptp(t.measured['displacement'])) for t in evidence.tracks
+                        if 'displacement' in t.measured), default=1e-5)
+    current = 0.0
+    for track in evidence.tracks:
+        if 'charge' in track.measured:
+            rate = np.abs(np.diff(track.measured['charge'])) / (track.recording.period
+                                                                * track.factor)
+            current = max(current, float(np.quantile(rate, 0.999)))
+        elif track.recording.drive == 'voltage':
+            rate = np.abs(np.diff(track.recording.command)) / track.recording.period
+            current = max(current, 1.3e-6 * float(np.quantile(rate, 0.99)))
+    return Extent(voltage, displacement, current or 0.1,
+                  min(t.recording.period for t in evidence.tracks),
+                  max(t.recording.duration for t in evidence.tracks),
+                  _peaks(evidence, residual, spans))
+
+
+def _peaks(evidence, residual, spans) -> tuple[float, ...]:
+    """Return the frequencies (Hz) at which the residual of the displacement stands out most."""
+    found = []
+    for (i, channel), where in zip(evidence.keys, spans):
+        if channel != 'displacement':
+            continue
+        track = evidence.tracks[i]
+        series = residual[where] - residual[where].mean()
+        dt = track.recording.period * track.factor
+        power = np.abs(np.fft.rfft(series * np.hanning(series.size))) ** 2
+        frequency = np.fft.rfftfreq(series.size, dt)
+        power[frequency < 4.0 / (dt * series.size)] = 0.0
+        smooth = np.convolve(power, np.ones(31) / 31.0, 'same') + 1e-12
+        best = np.argmax(power / smooth ** 0.5)
+        found.append((float(power[best] / series.size), float(frequency[best])))
+    found.sort(reverse=True)
+    return tuple(dict.fromkeys(f for _, f in found[:3] if f > 0.0))
+
+
+def starts_of(effect: Effect, extent: Extent) -> list[dict[str, float]]:
+    """Return the places (parameter values, SI) from which to fit an effect."""
+    choices = [[(parameter.name, value) for value in _choices(parameter, extent)]
+               for parameter in effect.parameters]
+    places = [dict(combination) for combination in itertools.product(*choices)]
+    if len(places) > MOST:
+        # Keep an even choice of the product.
+        pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
+        places = [places[i] for i in pick]
+    return places
+
+
+def _choices(parameter: Parameter, extent: Extent) -> list[float]:
+    low, high = parameter.lower, parameter.upper
+
+    def inside(values):
+        kept = [v for v in values if low <= v <= high]
+        return kept or [min(max(parameter.typical, low), high)]
+
+    unit = parameter.unit
+    if unit == 'Hz':
+        wanted = [*extent.frequencies[:2], 300.0, 1000.0, 3000.0, 8000.0]
+        return inside(wanted)
+    if unit == 'rad':
+        return inside([0.0, 2.0, 4.0])
+    if math.isinf(parameter.neutral):
+        if unit == 'V':
+            edge = extent.voltage[1] if parameter.neutral > 0 else extent.voltage[0]
+            span = extent.voltage[1] - extent.voltage[0]
+            inward = -1.0 if parameter.neutral > 0 else 1.0
+            return inside([edge + inward * part * span for part in (0.03, 0.15)]
+                          ) if parameter.magnitude else [parameter.neutral]
+        if unit == 'm':
+            return inside([part * extent.displacement for part in (0.95, 0.8, 0.5)])
+        if unit == 'A':
+            return inside([part * extent.current for part in (0.8, 0.3, 0.1)])
+        return inside(np.geomspace(max(low, 1e-12), high, 5)[1:-1])
+    if parameter.scale == 'log' and parameter.magnitude:
+        return inside([parameter.typical * factor for factor in (0.2, 1.0, 5.0)])
+    if parameter.scale == 'log':
+        return inside([parameter.start, parameter.start * 10.0, parameter.start * 0.1])
+    if parameter.magnitude:
+        return inside([parameter.typical])
+    return inside([parameter.start])

@@ -1,0 +1,154 @@
+"""
+From scores to words: NO_GAP, CAUSE, MULTIPLE, AMBIGUOUS, UNKNOWN, NOT_IDENTIFIABLE.
+
+The thresholds and the temperature of the probabilities were learned on
+generated devices (``piezo_stack challenge``, development seed), never on data
+that is withheld.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What was learned on the development set; scores in nats."""
+
+    detect: float = 12.0  # gain of the best effect over none that counts as a gap
+    excess: float = 0.10  # mean square beyond the noise that counts as structure
+    temperature: float = 8.0  # nats by which two effects must differ to be told apart
+    prior_power: float = 0.0
+    explained: float = 0.55  # part of the removable gap that a cause must remove
+    second: float = 20.0  # gain of a second effect that counts
+    second_share: float = 0.5  # part of what the first leaves that the second must remove
+    settled: float = 0.97  # part removed by one effect beyond which no second is sought
+    cover: float = 0.9  # probability that the ambiguity set is to hold
+    together: float = 0.05  # probability, against the best, from which an effect is in the set
+    too_many: int = 9  # effects in a set from which nothing is identified
+
+
+DEFAULTS = Thresholds()
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A hypothesis with its score."""
+
+    name: str
+    gain: float  # log score over the re-tuned nominal device, nats
+    removed: float  # part of the removable gap that it removes
+    parameters: int
+
+
+def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS) -> np.ndarray:
+    """
+    Return calibrated probabilities of hypotheses of equal prior.
+
+    A score is worth less than its nats, because no library holds the true form
+    of an effect: differences are divided by a learned temperature, which grows
+    with what even the best leaves unexplained.
+    """
+    gains = np.array([r.gain for r in ranked])
+    best = ranked[int(np.argmax(gains))]
+    # What the best leaves, no hypothesis of the library has the form of.
+    temperature = thresholds.temperature + 0.05 * max(best.gain, 0.0) * (1.0 - min(
+        max(best.removed, 0.0), 1.0))
+    scaled = (gains - gains.max()) / temperature
+    weight = np.exp(scaled)
+    return weight / weight.sum()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer: the word, the effects switched on, the tie, a sentence of reason."""
+
+    word: str
+    selected: tuple[str, ...]
+    tie: tuple[str, ...]
+    reason: str
+    confidence: float
+
+
+def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure: float,
+           classes: list[list[str]], thresholds: Thresholds = DEFAULTS) -> Verdict:
+    """
+    Say what the scores mean.
+
+    Parameters
+    ----------
+    singles, pairs : list of Ranked
+        Best first; ``pairs`` may be empty.
+    ceiling : float
+        Part of the removable gap that a flexible correction removes.
+    structure : float
+        Largest mean square over the noise, minus one, that the re-tuned nominal
+        device leaves in a track.
+    classes : list of list of str
+        Effects that these recordings cannot tell apart.
+
+    """
+    t = thresholds
+    best = singles[0]
+    chance = probabilities(singles, t)
+    if best.gain < t.detect + 2.0 * best.parameters:
+        if structure < t.excess or ceiling < 0.3:
+            return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
+                           'parameters within their uncertainty is noise', _sigmoid(
+                               (t.detect - best.gain) / 3.0))
+        return Verdict('UNKNOWN', (), (), 'structure is left that no effect of the library '
+                       'explains', 0.6)
+    if pairs and _second_counts(best, pairs[0], t):
+        names = tuple(pairs[0].name.split('+'))
+        if pairs[0].removed < t.explained and pairs[0].removed < 0.8 * ceiling:
+            return Verdict('UNKNOWN', (), (), f'even {pairs[0].name} leaves structure that a '
+                           'flexible correction removes', 0.6)
+        return Verdict('MULTIPLE', names, (), f'{names[0]} alone leaves '
+                       f'{100.0 * (1.0 - best.removed):.0f} % of the removable gap, '
+                       f'with {names[1]} {100.0 * (1.0 - pairs[0].removed):.0f} %', 0.8)
+    if best.removed < t.explained and (ceiling > best.removed + 0.1 or best.removed < 0.3):
+        return Verdict('UNKNOWN', (), (), f'the best effect, {best.name}, removes only '
+                       f'{100.0 * max(best.removed, 0.0):.0f} % of the removable gap', 0.6)
+    tie = tie_of(singles, chance, classes, t)
+    if len(tie) >= t.too_many:
+        return Verdict('NOT_IDENTIFIABLE', (), tie, f'{len(tie)} effects explain the gap about '
+                       'equally well with these channels', float(chance[0]))
+    if len(tie) > 1:
+        return Verdict('AMBIGUOUS', (best.name,), tie, 'these recordings do not decide between '
+                       f'{len(tie)} effects', float(sum(
+                           c for r, c in zip(singles, chance) if r.name in tie)))
+    return Verdict('CAUSE', (best.name,), (best.name,), f'{best.name} removes '
+                   f'{100.0 * best.removed:.0f} % of the removable gap and nothing else comes '
+                   'close', float(chance[0]))
+
+
+def _second_counts(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    if best.removed > t.settled:
+        return False
+    left, then = 1.0 - best.removed, 1.0 - pair.removed
+    extra = pair.parameters - best.parameters
+    return (pair.gain - best.gain > t.second + 2.0 * extra
+            and left - then > t.second_share * left)
+
+
+def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
+    """Return the effects that cannot be told from the best, best first."""
+    tie, covered = [], 0.0
+    for ranked, probability in zip(singles, chance):
+        if covered < t.cover or probability > t.together * chance[0]:
+            if probability > 0.002:
+                tie.append(ranked.name)
+                covered += probability
+    for group in classes:
+        if singles[0].name in group:
+            # Whoever looks alike and explains about as much belongs to the tie.
+            near = {r.name for r in singles if r.removed > 0.95 * singles[0].removed}
+            tie += [name for name in group if name in near and name not in tie]
+    return tuple(tie)
+
+
+def _sigmoid(value: float) -> float:
+    return 1.0 / (1.0 + math.exp(-min(max(value, -30.0), 30.0)))

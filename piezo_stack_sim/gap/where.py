@@ -1,0 +1,199 @@
+"""
+Where the gap is: the model cut at its ports, then records, bands and regimes.
+
+Each block is driven by what was *measured* before it.  The drive is compared by
+its voltage; the electrical block gets the measured voltage if that differs from
+the simulated one; what follows gets the measured charge, through the linear
+second-order path from charge to displacement (MODEL.md, "charge to
+displacement").  So one block's error does not leak into the next.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import signal
+
+from piezo_stack_sim.gap.evidence import Evidence
+from piezo_stack_sim.gap.forward import parallel, simulate_channels, spans
+from piezo_stack_sim.plant import Device
+
+BEHIND_CHARGE = ('transducer', 'mechanical', 'environment', 'sensor')
+BANDS = (0.0, 1.0, 10.0, 100.0, 1000.0, math.inf)
+LOUD = 1.15  # rms over noise from which a block counts as wrong
+
+
+def block_residuals(device: Device, evidence: Evidence, simulated) -> list[dict]:
+    """
+    Return for each track the residual of each cut, all as displacement.
+
+    Returns
+    -------
+    list of dict
+        ``drive``, ``electrical`` and ``behind`` where the channels allow, each a
+        pair of the residual (m, averaged rows) and the rms of its noise (m).
+
+    """
+    actuator, load = device.actuator, device.load
+    ratio, cap = actuator.transformer_ratio, actuator.linear_capacitance
+    stiffness = actuator.stiffness + load.stiffness
+    gain = ratio / (ratio ** 2 + stiffness * cap)  # static x/q, m/C
+    mass, damping = actuator.mass + load.mass, actuator.damping + load.damping
+    numerator = [ratio / cap / mass]
+    denominator = [1.0, damping / mass, (stiffness + ratio ** 2 / cap) / mass]
+    per_volt = _gain_per_volt(evidence, simulated)
+
+    def one(i):
+        track, recording = evidence.tracks[i], evidence.tracks[i].recording
+        out, answer = {}, simulated[i]
+        has = track.measured.__contains__
+        if recording.drive == 'voltage' and has('voltage'):
+            wrong = track.measured['voltage'] - track.average(answer['voltage'])
+            noise = evidence.noise['voltage'].averaged(track.factor)
+            out['drive'] = (wrong * per_volt, noise * per_volt)
+            if np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
+                # The electrical block is to be driven by what really was at its terminals.
+                held = np.append(recording.measured['voltage'][1:],
+                                 recording.measured['voltage'][-1])
+                ideal = device.replace(effects={})
+                answer = simulate_channels(ideal, recording.replace(command=held))
+        if has('charge'):
+            wrong = recording.measured['charge'] - answer['charge']
+            noise = evidence.noise['charge'].averaged(track.factor) * gain
+            out['electrical' if recording.drive == 'voltage' else 'drive'] = (
+                track.average(wrong) * gain, noise)
+        if has('displacement'):
+            wrong = recording.measured['displacement'] - answer['displacement']
+            noise = evidence.noise['displacement'].averaged(track.factor)
+            if has('charge'):
+                given = recording.measured['charge'] - answer['charge']
+                system = signal.cont2discrete((numerator, denominator), recording.period,
+                                              'bilinear')
+                b, a = np.ravel(system[0]), np.ravel(system[1])
+                wrong = wrong - signal.lfilter(b, a, given)
+                noise = math.hypot(noise, gain
+                                   * evidence.noise['charge'].averaged(track.factor))
+            out['behind'] = (track.average(wrong), noise)
+        return out
+
+    return parallel(one, range(len(evidence.tracks)))
+
+
+def _gain_per_volt(evidence, simulated) -> float:
+    """Return the large-signal displacement per volt (m/V) in these recordings."""
+    best = 1.3e-7
+    widest = 0.0
+    for track, answer in zip(evidence.tracks, simulated):
+        span = float(np.ptp(answer['voltage']))
+        if span > widest:
+            widest, best = span, float(np.ptp(answer['displacement'])) / span
+    return best
+
+
+def shares(cuts: list[dict], behind: str | None, has_charge: bool) -> tuple[dict, dict]:
+    """
+    Return each block's fraction of the gap's power, and its gap over the noise.
+
+    ``behind`` names the block behind the charge that the best cause lies in;
+    without a charge measurement everything behind the voltage is one cut.
+    """
+    power: dict[str, float] = {}
+    loud: dict[str, list[float]] = {}
+    for cut in cuts:
+        for name, (wrong, noise) in cut.items():
+            block = name if name != 'behind' else (behind or 'mechanical')
+            square = float(np.mean(wrong ** 2))
+            power[block] = power.get(block, 0.0) + max(square - (LOUD * noise) ** 2, 0.0)
+            loud.setdefault(block, []).append(math.sqrt(square) / max(noise, 1e-30))
+    total = sum(power.values())
+    fractions = {block: (value / total if total > 0.0 else 0.0)
+                 for block, value in power.items()}
+    blocks = {}
+    for block, ratios in loud.items():
+        ratio = float(np.sqrt(np.mean(np.square(ratios))))
+        half = 1.96 * ratio * math.sqrt(1.0 / (2.0 * 50.0 * len(ratios)))
+        source = {'drive': ['command'], 'electrical': ['voltage']}.get(
+            block, ['charge'] if has_charge else ['voltage'])
+        target = {'drive': 'voltage', 'electrical': 'charge'}.get(block, 'displacement')
+        blocks[block] = {'over_noise': ratio, 'ci': [max(ratio - half, 0.0), ratio + half],
+                         'from': source, 'to': target}
+    return fractions, blocks
+
+
+def by_record(evidence: Evidence, residual: np.ndarray) -> tuple[dict, dict]:
+    """Return the fraction of the gap's power by recording and by channel."""
+    records, channels = {}, {}
+    for (i, channel), where in zip(evidence.keys, spans(evidence)):
+        excess = max(float(np.sum(residual[where] ** 2 - 1.0)), 0.0)
+        name = evidence.tracks[i].recording.name
+        records[name] = records.get(name, 0.0) + excess
+        channels[channel] = channels.get(channel, 0.0) + excess
+    return _fractions(records), _fractions(channels)
+
+
+def _fractions(power: dict) -> dict:
+    total = sum(power.values())
+    return {name: (value / total if total > 0.0 else 0.0) for name, value in power.items()}
+
+
+def by_band(evidence: Evidence, residual: np.ndarray) -> list[dict]:
+    """Return the fraction of the gap's power by frequency band (Hz)."""
+    power = np.zeros(len(BANDS) - 1)
+    for (i, _), where in zip(evidence.keys, spans(evidence)):
+        track = evidence.tracks[i]
+        series = residual[where]
+        spectrum = np.abs(np.fft.rfft(series)) ** 2 / series.size
+        spectrum[1:] *= 2.0
+        frequency = np.fft.rfftfreq(series.size, track.recording.period * track.factor)
+        band = np.digitize(frequency, BANDS) - 1
+        for b in range(power.size):
+            inside = band == b
+            # White noise of unit variance puts 1 (DC) or 2 into every line.
+            power[b] += max(float(np.sum(spectrum[inside]) - 2.0 * inside.sum()), 0.0)
+    total = power.sum()
+    return [{'low': low, 'high': None if math.isinf(high) else high,
+             'share': float(value / total) if total > 0.0 else 0.0}
+            for low, high, value in zip(BANDS, BANDS[1:], power)]
+
+
+def by_regime(evidence: Evidence, residual: np.ndarray) -> list[dict]:
+    """Return in which regimes of the motion the gap sits."""
+    power: dict[str, float] = {}
+    rows: dict[str, int] = {}
+    for (i, _), where in zip(evidence.keys, spans(evidence)):
+        track = evidence.tracks[i]
+        excess = residual[where] ** 2 - 1.0
+        for name, inside in _regimes(track).items():
+            power[name] = power.get(name, 0.0) + float(excess[inside].sum())
+            rows[name] = rows.get(name, 0) + int(inside.sum())
+    total = max(sum(float(np.sum(residual[w] ** 2 - 1.0)) for w in spans(evidence)), 1e-12)
+    mean = total / residual.size
+    return [{'name': name, 'share': float(min(max(power[name] / total, 0.0), 1.0)),
+             'ratio': float(max(power[name] / max(rows[name], 1) / mean, 0.0))}
+            for name in power if rows[name] > 0]
+
+
+def _regimes(track) -> dict[str, np.ndarray]:
+    """Return which rows of a track rise, fall, hold, or lie at high bias, shape (m,) each."""
+    command = track.average(track.recording.command)
+    rate = np.gradient(command)
+    scale = np.abs(rate).max() or 1.0
+    still = np.abs(rate) < 1e-3 * scale
+    span = np.ptp(command) or 1.0
+    level = (command - command.min()) / span
+    near = np.zeros(command.size, dtype=bool)
+    turn = np.flatnonzero(np.diff(np.sign(np.where(still, 0.0, rate))) != 0)
+    width = max(2, command.size // 400)
+    for t in turn[:2000]:
+        near[max(0, t - width):t + width] = True
+    last = np.maximum.accumulate(np.where(~still, np.arange(command.size), 0))
+    since = (np.arange(command.size) - last) * track.recording.period * track.factor
+    force = track.average(track.recording.external_force)
+    return {
+        'rising': (rate > 0) & ~still, 'falling': (rate < 0) & ~still,
+        'near reversals': near, 'high bias': level > 2.0 / 3.0, 'low bias': level < 1.0 / 3.0,
+        'holding, up to 1 s after a change': still & (since < 1.0),
+        'holding, more than 1 s after a change': still & (since >= 1.0),
+        'external force': np.abs(force) > 1e-3 * (np.abs(force).max() or 1.0),
+    }

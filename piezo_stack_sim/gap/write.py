@@ -1,0 +1,64 @@
+"""A diagnosis as files: diagnosis.json, report.html, corrected.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from piezo_stack_sim.gap.diagnose import diagnose_set
+from piezo_stack_sim.gap.report import write_report
+from piezo_stack_sim.gap.storage import write_diagnosis
+from piezo_stack_sim.plant import load_device, save_device
+from piezo_stack_sim.recording.read import read_set
+
+
+def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None, units=None,
+                       progress: Callable[[str], None] = lambda message: None) -> dict:
+    """
+    Diagnose recordings and write what was found to a folder.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Recording sets or files of one device.
+    params : str
+        Parameter file.
+    out : str
+        Folder; made if missing.
+    mapping, units : sequence of str, optional
+        As :func:`piezo_stack_sim.recording.read.read_set` takes them.
+    progress : callable
+        Called with a sentence at every stage.
+
+    Returns
+    -------
+    dict
+        The diagnosis as written.
+
+    Raises
+    ------
+    InputError
+        For wrong recordings or a wrong parameter file.
+
+    """
+    device = load_device(params)
+    progress('reading the recordings')
+    recordings = read_set(list(paths), mapping=mapping, units=units)
+    diagnosis = diagnose_set(recordings, device, progress)
+    corrected = diagnosis.pop('_after_device')
+    diagnosis['how']['settings']['seconds'] = round(diagnosis.pop('_seconds'), 1)
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {name: str(folder / file) for name, file in (
+        ('diagnosis', 'diagnosis.json'), ('report', 'report.html'),
+        ('corrected', 'corrected.yaml'))}
+    diagnosis['files'] = files
+    diagnosis['inputs'] = {'sets': [str(path) for path in paths], 'params': str(params),
+                           'actuator': device.actuator.model}
+    on = ', '.join(diagnosis['selected']) or 'no effect'
+    save_device(corrected, files['corrected'],
+                f'{device.actuator.model} as diagnosed from {recordings.name}: '
+                f'{diagnosis["verdict"]}, {on} switched on, nominal parameters re-tuned')
+    write_report(diagnosis, files['report'])
+    write_diagnosis(diagnosis, files['diagnosis'])
+    return diagnosis
