@@ -1,0 +1,52 @@
+"""The controllers of the closed-loop examples: a constant gain, and PI on the displacement."""
+
+from __future__ import annotations
+
+from piezo_stack_sim.examples.experiment import Controller
+
+
+def constant_gain(gain: float) -> Controller:
+    """
+    Return an open-loop controller that takes the stack for linear.
+
+    Parameters
+    ----------
+    gain : float
+        Displacement per command (m/V or m/C).
+
+    """
+    def control(wanted: float, wanted_next: float, measured: float) -> float:
+        return wanted_next / gain
+    return control
+
+
+class ProportionalIntegral:
+    """
+    PI control of the displacement.
+
+    At a kilohertz the stack, which resonates above 20 kHz, is a gain and a
+    delay of one sample, or two by wall time. An integral that makes up for half
+    of the error in each sample is fast, and stable with either.
+
+    Parameters
+    ----------
+    gain : float
+        Displacement per command (m/V or m/C).
+    lowest : float
+        Lowest command (V or C): the integral stops there instead of winding up.
+
+    """
+
+    PROPORTIONAL, INTEGRAL = 0.1, 0.5  # of the error, in each sample
+
+    def __init__(self, gain: float, lowest: float = 0.0) -> None:
+        self._kp = self.PROPORTIONAL / gain
+        self._ki = self.INTEGRAL / gain
+        self._lowest = lowest
+        self._integral = 0.0
+
+    def __call__(self, wanted: float, wanted_next: float, measured: float) -> float:
+        """Return the command that answers a sample."""
+        error = wanted - measured
+        self._integral = max(self._lowest, self._integral + self._ki * error)
+        return max(self._lowest, self._integral + self._kp * error)

@@ -1,0 +1,173 @@
+"""A controller's end of the topics: send a command, get the sample that follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import contextmanager
+import subprocess
+import sys
+import time
+
+from piezo_stack_sim.errors import InputError
+from rcl_interfaces.msg import ParameterType
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
+
+PATIENCE = 20.0  # s without an answer until the device counts as absent
+_VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
+           ParameterType.PARAMETER_STRING: 'string_value'}
+
+
+class StackClient:
+    """
+    The connection of a controller to a device.
+
+    It works with a device in lockstep, where each command brings the next
+    sample, and with one that runs by wall time, where samples come by
+    themselves and a command acts from the next one on.
+
+    Parameters
+    ----------
+    device : str
+        Name of the node.
+    drive : str
+        What the controller commands: ``voltage`` (V) or ``charge`` (C). The
+        device is switched to it.
+
+    Raises
+    ------
+    InputError
+        If there is no such device.
+
+    """
+
+    def __init__(self, device: str, drive: str) -> None:
+        from piezo_stack_sim.node.loop import make_executor
+        self._device = device
+        self._node = Node(f'{drive}_controller')
+        self._executor = make_executor()
+        self._executor.add_node(self._node)
+        self._state: JointState | None = None
+        self._node.create_subscription(JointState, f'{device}/state', self._on_state, 10)
+        self._command = self._node.create_publisher(Float64, f'{device}/{drive}_command', 10)
+        self._message = Float64()
+        self._parameters = AsyncParameterClient(self._node, device)
+        self._wait(self._parameters.services_are_ready, f'no device {device}: start one with '
+                   'piezo_stack_node, name it with --device, or add --start')
+        self.rate: float = self._parameter('rate')
+        self.lockstep = self._parameter('stepping') == 'lockstep'
+        # By wall time a command acts from the tick after it, and shows at the one after that.
+        self.delay = 1 if self.lockstep else 2
+        self._set('drive', drive)
+        self._connect()
+
+    # -- waiting -----------------------------------------------------------------
+
+    def _wait(self, done: Callable[[], bool], complaint: str) -> None:
+        end = time.monotonic() + PATIENCE
+        while not done():
+            if time.monotonic() > end:
+                raise InputError(complaint)
+            self._executor.spin_once(0.05)
+
+    def _ask(self, future, what: str):
+        self._wait(future.done, f'{self._device} does not answer: {what}')
+        return future.result()
+
+    def _parameter(self, name: str):
+        value = self._ask(self._parameters.get_parameters([name]), name).values[0]
+        if value.type not in _VALUES:
+            raise InputError(f'{self._device} has no parameter {name}: is it a piezo_stack_node?')
+        return getattr(value, _VALUES[value.type])
+
+    def _set(self, name: str, value) -> None:
+        result = self._ask(
+            self._parameters.set_parameters([Parameter(name, value=value)]), name).results[0]
+        if not result.successful:
+            raise InputError(f'{self._device}: {name} = {value} refused: {result.reason}')
+
+    def _call(self, kind, service: str, **fields) -> None:
+        client = self._node.create_client(kind, f'{self._device}/{service}')
+        self._wait(client.service_is_ready, f'{self._device} has no service {service}')
+        self._ask(client.call_async(kind.Request(**fields)), service)
+        self._node.destroy_client(client)
+
+    def _connect(self) -> None:
+        """Make sure that samples arrive, whatever state the device is in."""
+        self._wait(lambda: self._command.get_subscription_count() > 0,
+                   f'{self._device} does not listen to {self._command.topic_name}')
+        self._call(SetBool, 'pause', data=False)
+        end = time.monotonic() + PATIENCE
+        while self._state is None:
+            if time.monotonic() > end:
+                raise InputError(f'{self._device} sends no samples')
+            if self.lockstep:
+                self._call(Trigger, 'step')
+            self._executor.spin_once(0.05)
+
+    # -- control -----------------------------------------------------------------
+
+    def _on_state(self, message: JointState) -> None:
+        self._state = message
+
+    def reset(self) -> None:
+        """Bring the device to its initial state at time zero."""
+        self._call(Trigger, 'reset')
+        self._executor.spin_once(0.05)
+        self._state = None
+
+    def exchange(self, command: float) -> float:
+        """
+        Send a command (V or C); return the displacement (m) of the next sample.
+
+        Raises
+        ------
+        InputError
+            If no sample comes.
+
+        """
+        self._state = None
+        self._message.data = command
+        self._command.publish(self._message)
+        spin_once = self._executor.spin_once
+        while self._state is None:
+            spin_once(PATIENCE)
+            if self._state is None:
+                self._wait(lambda: self._state is not None, f'{self._device} sends no samples')
+        return self._state.position[0]
+
+    def close(self) -> None:
+        """Leave the ROS graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+
+@contextmanager
+def started_device(params: str):
+    """Run a `piezo_stack_node` in lockstep for as long as the context lasts."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'piezo_stack_sim.node.main', '--ros-args', '--params-file', params,
+         '-p', 'stepping:=lockstep', '--log-level', 'warn'])
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def in_ros(arguments: list[str] | None, task: Callable[[], None]) -> None:
+    """Run a task with ROS initialised."""
+    rclpy.init(args=arguments)
+    try:
+        task()
+    finally:
+        rclpy.try_shutdown()
