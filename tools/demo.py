@@ -1,0 +1,63 @@
+#!/usr/bin/env python3
+"""
+Make the environment, start the virtual actuator and a controller on its topics, show the result.
+
+Works from any folder; the picture goes to the current one. Arguments are passed on to the
+controller, see `closed_loop_voltage --help`.
+
+"""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+
+import environment
+
+PARAMS = environment.ROOT / 'config' / 'ae0505d16.yaml'
+PATIENCE = 120.0  # s; the first start compiles the plant
+
+
+def wait_until_ready(node, log):
+    """Wait for the node's word that it is ready; raise EnvironmentProblem when it ends instead."""
+    end = time.monotonic() + PATIENCE
+    while 'ready:' not in log.read_text(encoding='utf-8', errors='replace'):
+        if node.poll() is not None or time.monotonic() > end:
+            text = log.read_text(encoding='utf-8', errors='replace').strip()
+            raise environment.EnvironmentProblem(f'the node did not start: {text[-500:]}')
+        time.sleep(0.05)
+
+
+def main():
+    """Run node and controller as two processes and return the controller's exit status."""
+    scripts = environment.ensure('ros').parent
+    variables = environment.variables()
+    # Its own domain, so that a device or a controller already running is not disturbed.
+    variables.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / 'node.log'
+        environment.say(f'starting piezo_stack_node with {PARAMS.relative_to(environment.ROOT)}')
+        with open(log, 'wb') as stream:
+            node = subprocess.Popen(
+                [str(scripts / 'piezo_stack_node'), '--ros-args', '--params-file', str(PARAMS),
+                 '-p', 'stepping:=lockstep'],
+                env=variables, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream)
+        try:
+            wait_until_ready(node, log)
+            environment.say('starting closed_loop_voltage, a PI controller, on its topics')
+            return subprocess.run(
+                [str(scripts / 'closed_loop_voltage'), '--params', str(PARAMS),
+                 '--out', 'demo.png', *sys.argv[1:]], env=variables).returncode
+        finally:
+            node.terminate()
+            try:
+                node.wait(10.0)
+            except subprocess.TimeoutExpired:
+                node.kill()
+                node.wait()
+
+
+if __name__ == '__main__':
+    environment.run(main)
