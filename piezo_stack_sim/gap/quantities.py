@@ -82,10 +82,24 @@ def percent(fraction, digits=0):
     """Return a fraction in per cent; what is neither 0 nor 1 never reads as 0 % or 100 %."""
     if fraction is None:
         return UNKNOWN
+    if fraction == 0:
+        return '0 %'
     edge = 10.0 ** -digits
     if 0 < fraction < 1 and not edge / 200 <= fraction < 1 - edge / 200:
         return f'< {edge:g} %' if fraction < 0.5 else f'> {100 - edge:g} %'
     return f'{100 * fraction:.{digits}f} %'.replace('-', '−')
+
+
+def probability(value, digits=0):
+    """Return a probability in per cent; one that was rounded to certainty does not read so."""
+    return percent(None if value is None else min(value, 0.99999), digits)
+
+
+def in_order(channels):
+    """Return channels as a reader looks for them: what the user wants to move first."""
+    order = ('displacement', 'charge', 'voltage')
+    return sorted(channels, key=lambda channel: (
+        order.index(channel) if channel in order else len(order), channel))
 
 
 def times_noise(ratio):

@@ -2,8 +2,8 @@
 
 import textwrap
 
-from piezo_stack_sim.gap.quantities import (listing, percent, quantity, times_noise, unit_of,
-                                            UNKNOWN, words)
+from piezo_stack_sim.gap.quantities import (in_order, listing, percent, probability,
+                                            quantity, times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.wording import (next_sentence, reference_score, shrinkage_channels,
                                          verdict_sentence, VERDICTS)
 
@@ -65,7 +65,8 @@ def _gap(diagnosis):
     """Return a row a channel: the gap, and what is left of it where something was switched on."""
     rows = [('Gap', 'rms', 'of stroke', 'noise', '× noise', 'after', 'S', 'ceiling')]
     shrinkage = shrinkage_channels(diagnosis)
-    for channel, gap in list(diagnosis['gap'].items())[:4]:
+    for channel in in_order(diagnosis['gap'])[:4]:
+        gap = diagnosis['gap'][channel]
         unit = unit_of(channel, diagnosis)
         shrunk = shrinkage.get(channel) if diagnosis['selected'] else None
         left = shrunk and shrunk['after']
@@ -79,7 +80,7 @@ def _gap(diagnosis):
             percent(shrunk and shrunk['S'], 1),
             percent(ceiling, 1)))
     return [(f'{row[0]:<15}' + ''.join(f'{cell:>{size}}' for cell, size in
-                                       zip(row[1:], (9, 10, 9, 9, 9, 8, 9))),
+                                       zip(row[1:], (9, 10, 9, 9, 9, 9, 9))),
              'bold' if row is rows[0] else '') for row in rows]
 
 
@@ -88,10 +89,10 @@ def _where(diagnosis):
     where = diagnosis['where']
     if diagnosis['verdict'] == 'NO_GAP':
         return []
-    lines = [f'Where   {_largest(where["shares"], 4)}']
+    lines = [f'Where   {_largest(where["shares"], 4) or "cannot be said"}']
     details = []
     if where['records']:
-        details.append(f'recording {_largest(where["records"], 1, plain=True)}')
+        details.append(f'{_largest(where["records"], 1, plain=True)}')
     if where['bands']:
         band = max(where['bands'], key=lambda row: row['share'])
         high = '' if band['high'] is None else f' to {band["high"]:g}'
@@ -106,7 +107,8 @@ def _where(diagnosis):
 
 
 def _largest(shares, count, plain=False):
-    ordered = sorted(shares.items(), key=lambda item: -item[1])[:count]
+    ordered = [(key, share) for key, share in sorted(shares.items(), key=lambda item: -item[1])
+               if share > 0.0][:count]
     return listing((f'{key if plain else words(key)} {percent(share)}' for key, share in ordered),
                    last='and')
 
@@ -125,9 +127,10 @@ def _causes(diagnosis, width):
             ('on', on), ('tie', all(effect in tied for effect in effects)),
             ('at bound', any(row['at_bound'] for row in cause['parameters'].values()))) if wanted]
         bar = '█' * round(min(20, max(width - 68, 0)) * cause['probability'])
-        lines.append((f'  {rank} {words(cause["effect"]):<28} {cause["block"]:<12} '
-                      f'{percent(cause["probability"]):>6}  {", ".join(marks):<12} {bar}'.rstrip(),
-                      'bold' if on else ''))
+        chance = probability(cause['probability'])
+        line = (f'  {rank} {words(cause["effect"]):<28} {cause["block"]:<12} {chance:>6}  '
+                f'{", ".join(marks):<12} {bar}')
+        lines.append((line.rstrip(), 'bold' if on else ''))
     return lines
 
 

@@ -1,6 +1,7 @@
 """The diagnosis in sentences: said once here, shown by the report and by the terminal."""
 
-from piezo_stack_sim.gap.quantities import (interval, listing, percent, quantity,
+from piezo_stack_sim.gap.quantities import (in_order, interval, listing, percent,
+                                            probability, quantity,
                                             times_noise, unit_of, words)
 
 VERDICTS = {
@@ -17,7 +18,7 @@ def verdict_sentence(diagnosis):
     """Return what the gap is, how sure that is and how much smaller it gets, in one sentence."""
     verdict = diagnosis['verdict']
     sure = confidence(diagnosis)
-    sure = '' if sure is None else f' ({percent(sure)} sure)'
+    sure = '' if sure is None else f' ({probability(sure)} sure)'
     smaller = _shrinks(diagnosis)
     if verdict == 'NO_GAP':
         return ('The simulation agrees with the recordings to within the noise'
@@ -71,8 +72,8 @@ def lead_channel(diagnosis):
 
 def shrinkage_channels(diagnosis):
     """Return the channels of ``shrinkage``, without what stands beside them."""
-    return {channel: row for channel, row in diagnosis['shrinkage'].items()
-            if channel not in ('placebo', 'ceiling', 'withheld')}
+    return {channel: diagnosis['shrinkage'][channel] for channel in in_order(
+        set(diagnosis['shrinkage']) - {'placebo', 'ceiling', 'withheld'})}
 
 
 def reference_score(diagnosis, name, channel):
@@ -96,6 +97,11 @@ def next_sentence(experiment):
         if experiment['separation'] is not None:
             text += f' by {times_noise(experiment["separation"])} times the noise'
     return f'{text}.'
+
+
+def as_sentence(text):
+    """Return a text with a capital and a full stop; None for none."""
+    return f'{_capital(text.rstrip(" ."))}.' if text else None
 
 
 def _setting(value):
@@ -134,8 +140,9 @@ def _switched(diagnosis):
 
 
 def _sizes(diagnosis):
+    ordered = [(channel, diagnosis['gap'][channel]) for channel in in_order(diagnosis['gap'])]
     sizes = [f'{words(channel)} {times_noise(row["over_noise"])}'
-             for channel, row in diagnosis['gap'].items() if row['over_noise'] is not None]
+             for channel, row in ordered if row['over_noise'] is not None]
     return f': {listing(sizes)} times the noise' if sizes else ''
 
 

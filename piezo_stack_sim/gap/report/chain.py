@@ -1,7 +1,7 @@
 """Where the gap lies: the blocks, and the shares by channel, recording, band and regime."""
 
-from piezo_stack_sim.gap.quantities import (interval, percent, quantity, times_noise, unit_of,
-                                            UNKNOWN, words)
+from piezo_stack_sim.gap.quantities import (in_order, interval, percent, quantity,
+                                            times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.schema import BLOCKS
 
 # What flows into each block of the chain; the environment acts on the mechanical block from below
@@ -16,8 +16,8 @@ def chain_view(diagnosis):
     where = diagnosis['where']
     return {
         'blocks': {block: _block(block, diagnosis) for block in BLOCKS},
-        'channels': [_channel(channel, row, diagnosis)
-                     for channel, row in diagnosis['gap'].items()],
+        'channels': [_channel(channel, diagnosis['gap'][channel], diagnosis)
+                     for channel in in_order(diagnosis['gap'])],
         'no_gap': diagnosis['verdict'] == 'NO_GAP',
         'groups': [(title, rows) for title, rows in (
             ('Channel', _shares(where['channels'])),
@@ -39,7 +39,7 @@ def _block(block, diagnosis):
         paths = f'{", ".join(map(words, own["from"]))} → {words(own["to"])}'
     return {
         'level': level, 'guilty': where['block'] == block, 'input': INPUTS[block],
-        'share': percent(share), 'width': round(100 * (share or 0.0), 1),
+        'share': None if share is None else percent(share),
         'ratio': times_noise(own.get('over_noise')) if own.get('over_noise') is not None else None,
         'ci': interval(own.get('ci')), 'paths': paths, 'note': own.get('note', ''),
     }

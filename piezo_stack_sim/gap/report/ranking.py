@@ -1,6 +1,6 @@
 """Which effect: the candidates in order, the ties among them and what ties on principle."""
 
-from piezo_stack_sim.gap.quantities import percent, significant, UNKNOWN, words
+from piezo_stack_sim.gap.quantities import percent, probability, significant, UNKNOWN, words
 
 SHOWN = 8
 
@@ -37,7 +37,7 @@ def _candidate(rank, cause, diagnosis):
     return {
         'rank': rank, 'effect': cause['effect'], 'block': words(cause['block']),
         'summary': cause.get('summary', ''), 'note': cause.get('note', ''),
-        'probability': percent(cause['probability'], 1 if cause['probability'] < 0.1 else 0),
+        'probability': probability(cause['probability'], 1 if cause['probability'] < 0.1 else 0),
         'width': round(100 * cause['probability'], 1), 'score': score,
         'S': percent(cause.get('S')),
         'on': all(effect in diagnosis['selected'] for effect in effects),

@@ -13,7 +13,7 @@ from importlib.resources import files
 import re
 
 from piezo_stack_sim.atomic import write_text
-from piezo_stack_sim.gap import quantities, wording
+from piezo_stack_sim.gap import quantities
 from piezo_stack_sim.gap.report.sections import HEADLINE, SECTIONS
 from piezo_stack_sim.plotting import LINES
 
@@ -69,11 +69,12 @@ def _data(diagnosis):
     traces = diagnosis.get('traces')
     if not traces:
         return None
-    channels = {channel for recording in traces['recordings']
-                for channel in recording['views']['overview']['channels']}
+    channels = quantities.in_order({channel for recording in traces['recordings']
+                                    for channel in recording['views']['overview']['channels']})
     return {
         'recordings': traces['recordings'],
-        'units': {channel: quantities.unit_of(channel, diagnosis) for channel in sorted(channels)},
+        'channels': channels,
+        'units': {channel: quantities.unit_of(channel, diagnosis) for channel in channels},
         'noise': {channel: row['noise_rms'] for channel, row in diagnosis['gap'].items()},
     }
 
@@ -100,5 +101,5 @@ def _templates():
     environment.filters.update(
         quantity=quantities.quantity, percent=quantities.percent, words=quantities.words,
         times_noise=quantities.times_noise, listing=quantities.listing,
-        next_sentence=wording.next_sentence, nobreak=_nobreak)
+        nobreak=_nobreak)
     return environment

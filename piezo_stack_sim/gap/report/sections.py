@@ -8,8 +8,8 @@ is None leaves its section out.
 from collections import namedtuple
 
 from piezo_stack_sim.gap import wording
-from piezo_stack_sim.gap.quantities import (interval, percent, quantity, times_noise, unit_of,
-                                            UNKNOWN, with_interval, words)
+from piezo_stack_sim.gap.quantities import (interval, percent, probability, quantity,
+                                            times_noise, unit_of, UNKNOWN, with_interval, words)
 from piezo_stack_sim.gap.report.chain import chain_view
 from piezo_stack_sim.gap.report.ranking import isolability_view, ranking_view
 from piezo_stack_sim.gap.report.scales import Scale
@@ -31,10 +31,10 @@ def headline_view(diagnosis):
         'actuator': diagnosis.get('inputs', {}).get('actuator'),
         'badge': wording.VERDICTS[diagnosis['verdict']],
         'sentence': wording.verdict_sentence(diagnosis),
-        'reason': diagnosis.get('reason'),
+        'reason': wording.as_sentence(diagnosis.get('reason')),
         'what': what or joint.join(map(words, named)),
         'block': f'{block} block' if block else '',
-        'sure': percent(wording.confidence(diagnosis)),
+        'sure': probability(wording.confidence(diagnosis)),
         'smaller': _smaller(diagnosis),
         'next': wording.next_sentence(experiment) if experiment else None,
         'refused': sum(row['severity'] == 'refused' for row in diagnosis.get('preflight', ())),
@@ -95,8 +95,21 @@ def shrinkage_view(diagnosis):
     return {
         'channels': [_shrinkage(channel, row, diagnosis) for channel, row in channels.items()],
         'withheld': diagnosis['shrinkage']['withheld'],
-        'remaining': diagnosis.get('remaining', {}),
+        'remaining': _remaining(diagnosis.get('remaining', {})),
     }
+
+
+def _remaining(remaining):
+    """Return a sentence on what is left, or None."""
+    parts = [part for part in (
+        f'in the {remaining["block"]} block' if remaining.get('block') else None,
+        remaining.get('note')) if part]
+    if parts:
+        return wording.as_sentence(f'what remains: {"; ".join(parts)}')
+    if remaining.get('structured') is not None:
+        return ('What remains has structure: it is more than noise.' if remaining['structured']
+                else 'What remains looks like noise.')
+    return None
 
 
 def _shrinkage(channel, row, diagnosis):
@@ -117,12 +130,17 @@ def _shrinkage(channel, row, diagnosis):
                     'span': percent(error / span, 2) if span and error is not None else ''}
                    for key, error in errors.items()],
         'score': None if row['S'] is None else {
-            'figure': percent(row['S'], 1), 'ci': _percent_interval(row['ci']),
+            'figure': _equals(percent(row['S'], 1)), 'ci': _percent_interval(row['ci']),
             'from': score.place(0.0), 'to': score.place(row['S']),
             'low': score.place(ci[0]), 'high': score.place(ci[1])},
         'references': [{'name': name, 'figure': percent(value, 1), 'at': score.place(value)}
                        for name, value in references.items() if value is not None],
     }
+
+
+def _equals(figure):
+    """Return the right-hand side of S: the figure with its sign of relation."""
+    return figure if figure[0] in '<>' else f'= {figure}'
 
 
 def _percent_interval(ci):
@@ -202,7 +220,8 @@ def next_view(diagnosis):
         return None
     choices = [experiment, *experiment.get('alternatives', ())]
     scale = Scale(0.0, max((choice['separation'] or 0.0 for choice in choices), default=0.0))
-    return {'best': experiment, 'choices': [
+    return {'best': {'why': wording.as_sentence(experiment.get('why')),
+                     'command': experiment.get('command')}, 'choices': [
         {'sentence': wording.next_sentence(choice), 'figure': times_noise(choice['separation']),
          'width': scale.place(choice['separation'])} for choice in choices]}
 
@@ -220,8 +239,9 @@ def how_view(diagnosis):
                 **{key: value for key, value in how.items() if key not in known}}
     return {
         'facts': [(name, str(value)) for name, value in facts if value not in (None, '')],
-        'settings': [(words(key), str(value)) for key, value in settings.items()],
-        'steps': how.get('steps', []),
+        'settings': [(words(key), str(value)) for key, value in settings.items()
+                     if value is not None],
+        'steps': [wording.as_sentence(step) for step in how.get('steps', [])],
         'records': [{**row, 'length': quantity(row['duration'], 's'),
                      'speed': quantity(row['rate'], 'Hz')}
                     for row in diagnosis.get('records', ())],

@@ -69,7 +69,7 @@
     const common = {
       x: {label: 'Time', unit: 's'}, range: () => state.range, onRange: setRange, mark: detailRange,
     };
-    for (const channel of Object.keys(state.recording.views.overview.channels).reverse()) {
+    for (const channel of data.channels.filter(name => state.recording.views.overview.channels[name])) {
       const pair = element('div', {class: 'pair'}, parent);
       const unit = data.units[channel];
       plots.push(new Plot(pair, {
@@ -118,7 +118,8 @@
     const parent = byId('plots-spectra');
     if (!parent) return;
     parent.replaceChildren();
-    for (const [channel, spectrum] of Object.entries(state.recording.spectra).reverse()) {
+    for (const channel of data.channels.filter(name => state.recording.spectra[name])) {
+      const spectrum = state.recording.spectra[channel];
       plots.push(new Plot(parent, {
         title: capital(channel), logarithmic: true,
         x: {label: 'Frequency', unit: 'Hz'}, y: {label: 'Residual', unit: `${data.units[channel]}/√Hz`},
