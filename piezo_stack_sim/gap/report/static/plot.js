@@ -1,7 +1,7 @@
 // One plot: an SVG that draws its series anew for every range it is shown.
 
 const SVG = 'http://www.w3.org/2000/svg';
-const MARGIN = {left: 56, right: 10, top: 8, bottom: 34};
+const MARGIN = {left: 62, right: 10, top: 8, bottom: 34};
 
 function element(name, attributes, parent, text) {
   const made = name === 'svg' || parent instanceof SVGElement

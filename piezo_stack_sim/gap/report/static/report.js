@@ -86,6 +86,27 @@
         }),
       }));
     }
+    const inputs = drivenBy(state.recording);
+    const pair = inputs.length && element('div', {class: 'pair'}, parent);
+    for (const [key, title, unit] of inputs) {
+      plots.push(new Plot(pair, {
+        ...common, title: title, y: {label: title, unit: unit},
+        height: width => width < 420 ? 190 : 215,
+        series: () => [{line: 'input', x: view().time, y: view()[key]}],
+      }));
+    }
+  }
+
+  // What drove the device and is not among the measured channels.
+  function drivenBy({drive, views: {overview}}) {
+    const inputs = [];
+    if (overview.command && !overview.channels[drive]) {
+      inputs.push(['command', `${capital(drive)} command`, {voltage: 'V', charge: 'C'}[drive]]);
+    }
+    if (overview.external_force && overview.external_force.some(force => force)) {
+      inputs.push(['external_force', 'External force', 'N']);
+    }
+    return inputs;
   }
 
   function loopPlots() {
