@@ -1,5 +1,8 @@
 """Bags become rows without clocks agreeing, and what was written comes back to the bit."""
 
+import subprocess
+import sys
+
 import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording import (
@@ -319,6 +322,22 @@ def test_an_interrupted_writer_leaves_no_folder(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         write_bag(slow(50), tmp_path / 'run')
     assert not list(tmp_path.iterdir())
+
+
+def test_without_the_bag_library_one_is_told_to_install_it(tmp_path, monkeypatch):
+    write_bag(slow(50), tmp_path / 'run')
+    monkeypatch.setitem(sys.modules, 'rosbags.rosbag2', None)
+    assert 'pip install rosbags' in error(tmp_path / 'run')
+    with pytest.raises(InputError, match='pip install rosbags'):
+        write_bag(slow(50), tmp_path / 'other')
+
+
+def test_tables_are_read_without_loading_anything_heavy():
+    program = ('import sys, piezo_stack_sim.recording as r\n'
+               'heavy = {"rosbags", "scipy", "numba", "matplotlib", "rclpy", "pandas"}\n'
+               'sys.exit(str(sorted(heavy & set(sys.modules)) or ""))')
+    result = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
+    assert result.stderr.strip() == ''
 
 
 def test_a_bag_says_what_it_holds(tmp_path):

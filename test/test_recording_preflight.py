@@ -323,8 +323,20 @@ def test_rows_without_numbers_count_as_lost():
     command = recording.command.copy()
     command[[100, 2100]] = np.nan, np.inf
     passed, findings = checked(recording.replace(command=command))
-    assert 'row 102: 2 rows lack a time or an input' in findings[0]
+    assert 'row 2102: voltage_command has impossible values in 1 rows, here inf' in findings[0]
+    assert 'row 102: 2 rows lack a time or an input' in findings[1]
     assert np.allclose(passed[0].command, recording.command, atol=1e-9)
+
+
+def test_numbers_that_stand_for_no_answer_count_as_missing():
+    recording = slow()
+    values = recording.measured['displacement'].copy()
+    values[[100, 101, 2000]] = -9999.0, 1e38, np.inf
+    passed, findings = checked(with_channel(recording, 'displacement', values))
+    assert 'row 102: displacement has impossible values in 3 rows, here -9999' in findings[0]
+    assert 'row 102: displacement is missing in 3 of 3000 rows' in findings[1]
+    assert np.allclose(passed[0].measured['displacement'],
+                       recording.measured['displacement'], atol=5e-8)
 
 
 def test_a_dead_channel_is_left_out():

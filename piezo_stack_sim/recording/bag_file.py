@@ -40,10 +40,8 @@ def unlisted_files(folder):
     return [path for _, path in sorted(found)]
 
 
-def _storage(path):
-    """Return what to open for one storage file, and a Finding when it has no end."""
-    if path.suffix == '.mcap':
-        return mended(path)
+def _check_sqlite(path):
+    """Raise InputError for what sqlite would misread in silence."""
     if {'?', '#', '%'} & set(str(path.resolve())):
         raise InputError(f'{path}: sqlite cannot open a path with ?, # or %: rename it')
     log = path.with_name(f'{path.name}-wal')
@@ -52,7 +50,6 @@ def _storage(path):
             f'{path}: {log.name} beside it holds rows that were not merged yet: merge them with '
             f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
         )
-    return path, None
 
 
 def _in_order(messages, depth=4096):
@@ -130,7 +127,7 @@ class Bag:
         return any(name == 'header' for name, _ in fields)
 
     def _stored(self, reader, chosen):
-        if isinstance(reader.path, MendedMcap):
+        if isinstance(reader.storage.path, MendedMcap):
             # Without an index the library wants the order in which it was recorded to be perfect.
             return _in_order(reader.storage.messages_scan(chosen))
         return reader.messages(connections=chosen)
@@ -192,7 +189,10 @@ def open_bag(path):
         When it is none of these or damaged.
 
     """
-    from rosbags.rosbag2 import Reader
+    try:
+        from rosbags.rosbag2 import Reader
+    except ImportError as error:
+        raise InputError(f'{path}: reading bags needs rosbags: pip install rosbags') from error
 
     path = Path(path)
     source, findings, opened = str(path), [], []
@@ -207,10 +207,13 @@ def open_bag(path):
                     source, None, NOTE, 'metadata.yaml is missing: the recorder was killed',
                     f'read from {", ".join(each.name for each in files)}'))
             for each in files:
-                if not each.is_dir():
-                    each, finding = _storage(each)
-                    findings += [finding] if finding else []
                 reader = Reader(each)
+                if each.suffix == '.db3':
+                    _check_sqlite(each)
+                end = mended(each) if each.suffix == '.mcap' and each.is_file() else None
+                if end:
+                    reader.storage.path = end[0]  # type: ignore[attr-defined]
+                    findings.append(end[1])
                 reader.open()
                 opened.append(reader)
             bag = Bag(source, opened, findings)

@@ -37,7 +37,10 @@ def write_bag(recording, path, storage='mcap', node='/piezo_stack'):
         When the folder exists or cannot be written, or a time is negative or not finite.
 
     """
-    from rosbags.rosbag2 import StoragePlugin, Writer
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+    except ImportError as error:
+        raise InputError(f'{path}: writing bags needs rosbags: pip install rosbags') from error
 
     path = Path(path)
     if storage not in STORAGES:

@@ -66,21 +66,13 @@ class _Spliced(io.RawIOBase):
 
 
 class MendedMcap:
-    """As much of a path as the reading library asks for; opened, the file has an end."""
-
-    suffix = '.mcap'
+    """As much of a path as the reading library's storage uses; opened, the file has an end."""
 
     def __init__(self, path, pieces):
         self._path, self._pieces = path, pieces
 
     def __str__(self):
         return str(self._path)
-
-    def exists(self):
-        return True
-
-    def is_dir(self):
-        return False
 
     def open(self, *_, **__):  # noqa: A003
         return io.BufferedReader(_Spliced(self._path, self._pieces, _TAIL), 1 << 16)
@@ -127,8 +119,8 @@ def mended(path):
 
     Returns
     -------
-    tuple of (Path or MendedMcap, Finding or None)
-        What to open; the path itself when the file is complete.
+    tuple of (MendedMcap, Finding) or None
+        What to open instead; None when the file is complete.
 
     Raises
     ------
@@ -142,7 +134,7 @@ def mended(path):
             raise InputError(f'{path}: not an MCAP file: it does not begin like one')
         file.seek(max(size - len(MAGIC), 0))
         if size >= len(MAGIC) + len(_TAIL) and file.read() == MAGIC:
-            return path, None
+            return None
         end, chunk = _whole(file, len(MAGIC), size)
         pieces = [(0, end)]
         inner = None if chunk is None else _cut_chunk(file, chunk, size)

@@ -50,9 +50,10 @@ def check_numbers(recording):
         if not absurd.any():
             continue
         first = int(np.argmax(absurd))
+        shown = recording.command_name or name if name == 'command' else name
         findings.append(found(
             recording, first, REPAIRED,
-            f'{name} is {values[first]:.6g} there, as out of place in {absurd.sum()} rows',
+            f'{shown} has impossible values in {absurd.sum()} rows, here {values[first]:.6g}',
             'they count as missing'))
         (measured if name in measured else changes)[name] = np.where(absurd, np.nan, values)
     return recording.replace(measured=measured, **changes), findings
