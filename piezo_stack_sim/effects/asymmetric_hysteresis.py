@@ -31,10 +31,10 @@ EFFECT = Effect(
     'asymmetric_hysteresis', 'electrical',
     'The loop of charge and displacement over voltage is bowed: rise and fall differ in shape.',
     (
-        Parameter('quadratic', '1', 0.0, -0.1, 0.1, 0.03,
+        Parameter('quadratic', '1', 0.0, -0.06, 0.06, 0.02,
                   'bow of voltage over charge; positive: more charge at half the voltage',
                   runtime=False),
-        Parameter('cubic', '1', 0.0, -0.04, 0.04, 0.0,
+        Parameter('cubic', '1', 0.0, -0.03, 0.03, 0.0,
                   'S shape of voltage over charge, equal for both signs', runtime=False),
     ),
     apply, channels=('charge', 'displacement'))

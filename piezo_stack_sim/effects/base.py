@@ -48,7 +48,7 @@ class Effect:
     ``channels`` are the measured channels it moves under voltage drive.
     """
 
-    id: str
+    id: str  # noqa: A003
     block: str
     summary: str
     parameters: tuple[Parameter, ...]

@@ -7,8 +7,8 @@ decade of time (EFFECTS.md 2A E1 (c), after Croft and Devasia 2001 and Kuhnen
 
     v_creep = sum_i K_c (q - g_i) - K_c N_ref q,     dg_i/dt = (q - g_i) / tau_i
 
-N_ref is the number of branches slower than ``reference_time``: a curve taken in
-about that time is the nominal one.  One decade then creeps by
+N_ref = sum_i exp(-reference_time/tau_i) counts the slower branches: so long
+after a step the stack is where the nominal curve says.  One decade adds
 gamma = K_c / (dv/dq), with dv/dq the elastance of the stack at large signals.
 """
 
@@ -23,14 +23,12 @@ LONGEST = 1e3  # s
 def apply(model, gain_per_decade, reference_time):
     """Add one branch per decade of time."""
     k_c = gain_per_decade * model.reference.elastance
-    slower = 0
     for i in range(round(math.log10(LONGEST / SHORTEST)) + 1):
         tau = SHORTEST * 10.0 ** i
         name = f'creep_{i}'
         model.add_state(name, {'charge': 1.0 / tau, name: -1.0 / tau})
-        model.add_opposing_voltage({'charge': k_c, name: -k_c})
-        slower += tau > reference_time
-    model.add_opposing_voltage({'charge': -k_c * slower})
+        slow = math.exp(-reference_time / tau)
+        model.add_opposing_voltage({'charge': k_c * (1.0 - slow), name: -k_c})
 
 
 EFFECT = Effect(

@@ -6,11 +6,13 @@ Maxwell branches parallel to k, one per decade, driven by the displacement
 
     F = -sum_i k_c (x - y_i) + k_c N_ref x,     dy_i/dt = (x - y_i) / tau_i
 
-N_ref counts the branches slower than 0.1 s, where the nominal curve holds.  One
-decade adds gamma = k_c / k_s of the stroke, k_s the stiffness with leads shorted
-at large signals.  Charge follows only because the motion draws it (Eq. 11): the
-ratio x/q changes, unlike with ``creep``.
+N_ref = sum_i exp(-0.1 s/tau_i) counts the slower branches: 0.1 s after a step the
+nominal curve holds.  One decade adds gamma = k_c / k_s of the stroke, k_s the
+stiffness with leads shorted at large signals.  The charge does not cause it and
+follows only as the motion draws it (Eq. 11): x/q changes, unlike with ``creep``.
 """
+
+import math
 
 from piezo_stack_sim.effects.base import Effect, Parameter
 
@@ -24,13 +26,13 @@ def apply(model, gain_per_decade):
     for i, tau in enumerate(TIMES):
         name = f'mount_{i}'
         model.add_state(name, {'displacement': 1.0 / tau, name: -1.0 / tau})
-        lead = k_c if tau > REFERENCE_TIME else 0.0
-        model.add_force({'displacement': lead - k_c, name: k_c})
+        slow = math.exp(-REFERENCE_TIME / tau)
+        model.add_force({'displacement': -k_c * (1.0 - slow), name: k_c})
 
 
 EFFECT = Effect(
     'mount_creep', 'mechanical',
-    'The mount yields with the logarithm of time: displacement creeps, charge hardly.',
+    'The mount yields with the logarithm of time: displacement creeps more than charge.',
     (
         Parameter('gain_per_decade', '1', 0.0, -0.005, 0.08, 0.01,
                   'part of the stroke that each decade of time adds'),
