@@ -11,11 +11,11 @@ from piezo_stack_sim.plant.inverse import InverseStack
 from piezo_stack_sim.plant.parameters import Device
 
 
-def controllers(device: Device) -> dict[str, Controller]:
+def controllers(device: Device, delay: int) -> dict[str, Controller]:
     """Return a constant gain that is right at the peak of the reference, and PI."""
     gain = HEIGHT / InverseStack(device.actuator, device.load).voltage(HEIGHT)  # m/V
     return {'constant gain': constant_gain(gain),
-            'PI by voltage': ProportionalIntegral(gain, device.actuator.voltage_range[0])}
+            'PI by voltage': ProportionalIntegral(gain, delay, device.actuator.voltage_range)}
 
 
 def conclude(runs: list[Run]) -> str:

@@ -51,17 +51,21 @@ def track(client: StackClient, name: str, controller: Controller, waves: int) ->
     Returns
     -------
     Run
-        Row k holds the sample k and the command that answered it.
+        Row k holds sample k and the command that answered it; a sample that was
+        missed by wall time counts as the next one.
 
     """
     wanted = reference(client.rate, waves)
     ahead = np.append(wanted[client.delay:], [wanted[-1]] * client.delay)
     command, displacement = np.zeros_like(wanted), np.zeros_like(wanted)
     client.reset()
-    for k in range(wanted.size - 1):
-        command[k] = controller(wanted[k], ahead[k], displacement[k])
-        displacement[k + 1] = client.exchange(command[k])
-    command[-1] = command[-2]
+    k, last = 0, wanted.size - 1
+    while k < last:
+        value = controller(wanted[k], ahead[k], displacement[k])
+        after, measured = client.exchange(value)
+        command[k:] = value
+        displacement[k + 1:] = measured
+        k = max(k, min(after, last))
     return Run(name, client.rate, client.delay, wanted, command, displacement)
 
 
@@ -97,7 +101,7 @@ def picture(runs: list[Run], path: Path, drive: str, title: str) -> list[Path]:
 
 
 def perform(name: str, description: str, drive: str,
-            controllers: Callable[[Device], dict[str, Controller]],
+            controllers: Callable[[Device, int], dict[str, Controller]],
             conclude: Callable[[list[Run]], str]) -> int:
     """
     Run an example: every controller in turn, then table, conclusion and picture.
@@ -111,7 +115,8 @@ def perform(name: str, description: str, drive: str,
     drive : str
         ``voltage`` or ``charge``.
     controllers : callable
-        Takes what the stack is believed to be, returns the controllers by name.
+        Takes what the stack is believed to be, and the samples until a command shows; returns
+        the controllers by name.
     conclude : callable
         Takes the runs, returns the claim that they show, with numbers.
 
@@ -126,7 +131,7 @@ def perform(name: str, description: str, drive: str,
             client = StackClient(options.device, drive)
             try:
                 runs = [track(client, label, controller, options.waves)
-                        for label, controller in controllers(device).items()]
+                        for label, controller in controllers(device, client.delay).items()]
             finally:
                 client.close()
         print(table(runs))

@@ -33,7 +33,7 @@ def scattered(actuator: Actuator) -> Actuator:
         maxwell_break_voltage=tuple(off(actuator.maxwell_break_voltage)))
 
 
-def controllers(device: Device) -> dict[str, Controller]:
+def controllers(device: Device, delay: int) -> dict[str, Controller]:
     """Return a constant gain, the inverse, and the inverse of a model that is a little wrong."""
     actuator, load = device.actuator, device.load
     gain = HEIGHT / InverseStack(actuator, load).voltage(HEIGHT)  # m/V

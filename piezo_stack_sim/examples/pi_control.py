@@ -25,28 +25,35 @@ class ProportionalIntegral:
     PI control of the displacement.
 
     At a kilohertz the stack, which resonates above 20 kHz, is a gain and a
-    delay of one sample, or two by wall time. An integral that makes up for half
-    of the error in each sample is fast, and stable with either.
+    delay. With a delay of one sample an integral that makes up for half of the
+    error in each sample is fast and well damped; a longer one asks for less.
 
     Parameters
     ----------
     gain : float
         Displacement per command (m/V or m/C).
-    lowest : float
-        Lowest command (V or C): the integral stops there instead of winding up.
+    delay : int
+        Samples until a command shows.
+    limits : tuple of float
+        Lowest and highest command (V or C): the integral stops there instead
+        of winding up.
 
     """
 
     PROPORTIONAL, INTEGRAL = 0.1, 0.5  # of the error, in each sample
 
-    def __init__(self, gain: float, lowest: float = 0.0) -> None:
-        self._kp = self.PROPORTIONAL / gain
-        self._ki = self.INTEGRAL / gain
-        self._lowest = lowest
+    def __init__(self, gain: float, delay: int, limits: tuple[float, float]) -> None:
+        self._kp = self.PROPORTIONAL / gain / delay ** 2
+        self._ki = self.INTEGRAL / gain / delay ** 2
+        self._limits = limits
         self._integral = 0.0
 
     def __call__(self, wanted: float, wanted_next: float, measured: float) -> float:
         """Return the command that answers a sample."""
         error = wanted - measured
-        self._integral = max(self._lowest, self._integral + self._ki * error)
-        return max(self._lowest, self._integral + self._kp * error)
+        self._integral = self._limited(self._integral + self._ki * error)
+        return self._limited(self._integral + self._kp * error)
+
+    def _limited(self, command: float) -> float:
+        low, high = self._limits
+        return min(max(command, low), high)

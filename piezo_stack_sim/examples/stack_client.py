@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import subprocess
 import sys
 import time
+from typing import Any, cast
 
 from piezo_stack_sim.errors import InputError
 from rcl_interfaces.msg import ParameterType
@@ -52,9 +53,10 @@ class StackClient:
         self._node = Node(f'{drive}_controller')
         self._executor = make_executor()
         self._executor.add_node(self._node)
-        self._state: JointState | None = None
+        self._state: Any = None  # the newest JointState
+        self._start = 0.0  # stamp of sample 0, s
         self._node.create_subscription(JointState, f'{device}/state', self._on_state, 10)
-        self._command = self._node.create_publisher(Float64, f'{device}/{drive}_command', 10)
+        self._command = self._node.create_publisher(Float64, f'{device}/{drive}_command', 1000)
         self._message = Float64()
         self._parameters = AsyncParameterClient(self._node, device)
         self._wait(self._parameters.services_are_ready, f'no device {device}: start one with '
@@ -115,15 +117,30 @@ class StackClient:
     def _on_state(self, message: JointState) -> None:
         self._state = message
 
+    def _stamp(self) -> float:
+        stamp = self._state.header.stamp
+        return stamp.sec + 1e-9 * stamp.nanosec
+
     def reset(self) -> None:
-        """Bring the device to its initial state at time zero."""
+        """Bring the device to its initial state; from here on samples are counted."""
         self._call(Trigger, 'reset')
         self._executor.spin_once(0.05)
         self._state = None
+        self._start = 0.0
+        if not self.lockstep:
+            self._wait(lambda: self._state is not None, f'{self._device} sends no samples')
+            self._start = self._stamp()
 
-    def exchange(self, command: float) -> float:
+    def exchange(self, command: float) -> tuple[int, float]:
         """
-        Send a command (V or C); return the displacement (m) of the next sample.
+        Send a command (V or C) and wait for a sample.
+
+        Returns
+        -------
+        int
+            Number of the sample since the reset; by wall time some may be missed.
+        float
+            Displacement (m).
 
         Raises
         ------
@@ -135,11 +152,39 @@ class StackClient:
         self._message.data = command
         self._command.publish(self._message)
         spin_once = self._executor.spin_once
+        end = time.monotonic() + PATIENCE
         while self._state is None:
             spin_once(PATIENCE)
-            if self._state is None:
-                self._wait(lambda: self._state is not None, f'{self._device} sends no samples')
-        return self._state.position[0]
+            if self._state is None and time.monotonic() > end:
+                raise InputError(f'{self._device} sends no samples')
+        if not self.lockstep:
+            newest: JointState | None = None
+            while newest is not self._state:  # a controller that was late answers the newest
+                newest = self._state
+                spin_once(0.0)
+        state = cast(JointState, self._state)
+        return round((self._stamp() - self._start) * self.rate), state.position[0]
+
+    def stream(self, commands: list[float]) -> float:
+        """
+        Send many commands to a device in lockstep at once; return the time of it all (s).
+
+        Raises
+        ------
+        InputError
+            If the samples do not come.
+
+        """
+        self._call(Trigger, 'reset')
+        first = self._stamp()
+        last = len(commands) / self.rate
+        began = time.monotonic()
+        for command in commands:
+            self._message.data = command
+            self._command.publish(self._message)
+        self._wait(lambda: self._stamp() != first and self._stamp() > last - 0.5 / self.rate,
+                   f'{self._device} sends no samples')
+        return time.monotonic() - began
 
     def close(self) -> None:
         """Leave the ROS graph."""

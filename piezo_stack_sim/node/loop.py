@@ -48,12 +48,15 @@ class Loop:
             executor.add_node(node)
 
     def run(self) -> None:
-        """Run until shut down; returns without an exception on SIGINT and SIGTERM."""
+        """Run until the context is shut down, as rclpy does on SIGTERM."""
         waker = realtime.Waker(self._executor.wake, self._overdue)
         try:
             self._run()
-        except (KeyboardInterrupt, ExternalShutdownException):
+        except ExternalShutdownException:
             pass
+        except RuntimeError:  # what publishing raises when the signal comes in a tick
+            if self._nodes[0].context.ok():
+                raise
         finally:
             waker.stop()
 

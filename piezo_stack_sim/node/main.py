@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import sys
 import time
 
@@ -107,9 +108,11 @@ def _build(options: argparse.Namespace, ros_arguments: list[str]):
     return nodes
 
 
-def run(arguments: list[str]) -> None:
+def run(arguments: list[str], when_ready: Callable[[], object] = lambda: None) -> None:
     """
     Run the node with these arguments until SIGINT or SIGTERM.
+
+    ``when_ready`` is called when the node is about to run.
 
     Raises
     ------
@@ -128,14 +131,17 @@ def run(arguments: list[str]) -> None:
     nodes = []
     try:
         nodes = _build(options, arguments)
-        _serve(nodes, options, began)
+        _serve(nodes, options, began, when_ready)
+    except KeyboardInterrupt:
+        pass
     finally:
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
 
 
-def _serve(nodes, options: argparse.Namespace, began: float) -> None:
+def _serve(nodes, options: argparse.Namespace, began: float,
+           when_ready: Callable[[], object]) -> None:
     from piezo_stack_sim.node import realtime
     from piezo_stack_sim.node.loop import Loop, make_executor
     log = nodes[0].get_logger()
@@ -155,6 +161,7 @@ def _serve(nodes, options: argparse.Namespace, began: float) -> None:
             f'ready: {device.actuator.model}, drive {device.drive}, '
             f'{"lockstep" if node.lockstep else "wall time"} at {device.rate:g} Hz, '
             f'{type(executor).__name__}, after {time.monotonic() - began:.1f} s')
+    when_ready()
     try:
         loop.run()
     finally:

@@ -30,8 +30,12 @@ class Schedule:
         met later than `PUNCTUAL`.
     worst : int
         Greatest lateness (ns) since `worst` was last set to zero.
+    trace : list of int, optional
+        Where the benchmark wants the lateness (ns) of each tick noted.
 
     """
+
+    trace: list[int] | None = None
 
     def __init__(self, rate: float) -> None:
         self._period = SECOND / rate
@@ -57,6 +61,8 @@ class Schedule:
     def advance(self, now: int, count: int = 1) -> None:
         """Note that `count` deadlines were met at `now` (ns); move on to the one after."""
         lateness = now - self.deadline
+        if self.trace is not None:
+            self.trace.append(lateness)
         self._n += count
         self.deadline = self._origin + round(self._n * self._period)
         self.ticks += count
