@@ -1,0 +1,85 @@
+"""``piezo_stack bench``: speed and accuracy beside peers, in one run."""
+
+import json
+import sys
+
+import click
+
+
+@click.command('bench')
+@click.option('--params', metavar='YAML', help="Parameter file; the paper's if not given.")
+@click.option('--quick', is_flag=True, help='Shorter slices: a look within seconds.')
+@click.option('--node', is_flag=True, help='Measure the ROS node too (needs rclpy).')
+@click.option('--only-node', is_flag=True, help='Measure nothing but the ROS node.')
+@click.option('--json', 'as_json', is_flag=True, help='Print JSON in SI units.')
+def command(params, quick, node, only_node, as_json):
+    """
+    Measure the plant, scipy, ngspice and a plain loop on the same commands.
+
+    Speed is device time over processor time of one core; the accuracy beside it is the largest
+    distance to a reference that is computed in the same run.
+
+    """
+    result = {}
+    if not only_node:
+        from piezo_stack_sim.bench.speed import measure
+        from piezo_stack_sim.plant import load_device
+
+        result['speed'] = measure(load_device(params) if params else None, quick)
+    if node or only_node:
+        from piezo_stack_sim.node.bench import measure as measure_node
+
+        result['node'] = measure_node()
+    if as_json:
+        click.echo(json.dumps(result, indent=2))
+        return
+    if 'speed' in result:
+        _print_speed(result['speed'])
+    if 'node' in result:
+        from piezo_stack_sim.node.bench import print_table
+        print_table(result['node'])
+
+
+def _print_speed(speed):
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    plant, machine = speed['plant'], speed['machine']
+    console.print(f'{machine["processor"]}, one of {machine["cores"]} cores, '
+                  f'Python {machine["python"]}')
+
+    rows = Table(title='Plant, test programmes whole, after warm-up', title_justify='left')
+    for column in ('programme', 'rows', 'device time', 'processor time', 'x real time',
+                   'off in x', 'off in q'):
+        rows.add_column(column, justify='left' if column == 'programme' else 'right')
+    total = {'rows': sum(row['rows'] for row in plant['programmes'].values()),
+             'duration': plant['simulated'], **plant}
+    for name, row in (*plant['programmes'].items(), ('all', total)):
+        rows.add_row(name, f'{row["rows"]}', f'{row["duration"]:.1f} s',
+                     f'{1e3 * row["time"]:.2f} ms', f'{row["real_time_factor"]:,.0f}',
+                     *_off(row), end_section=name == 'force')
+    console.print(rows)
+
+    rows = Table(title='Side by side', title_justify='left')
+    for column in ('', 'x real time', 'plant is faster by', 'off in x', 'off in q', 'computed'):
+        rows.add_column(column, justify='left' if column in ('', 'computed') else 'right')
+    for row in (plant, *speed['peers']):
+        faster = row.get('plant_is_faster_by')
+        rows.add_row(
+            row['name'], f'{row["real_time_factor"]:,.3g}' if faster
+            else f'{row["real_time_factor"]:,.0f}', f'{faster:,.0f}' if faster else '', *_off(row),
+            f'{row["simulated"]:.2g} s, extrapolated' if row['extrapolated']
+            else f'{row["simulated"]:.1f} s')
+    console.print(rows)
+    reference = speed['reference']
+    console.print(
+        f'off: largest distance to a {reference["method"]} of {1e9 * reference["step"]:.0f} ns '
+        f'steps, which is itself within {1e9 * reference["displacement_error"]:.2g} nm and '
+        f'{1e9 * reference["charge_error"]:.2g} nC of one of twice the step.')
+    for name in speed['missing']:
+        console.print(f'{name} is not installed and therefore left out.')
+
+
+def _off(row):
+    return (f'{1e9 * row["displacement_error"]:.3f} nm', f'{1e9 * row["charge_error"]:.3f} nC')
