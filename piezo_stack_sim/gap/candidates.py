@@ -18,9 +18,10 @@ from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.starts import Extent, starts_of
 
 WHOLE_FITS = 2  # places of an effect from which a whole fit is made
-PROMISING = 0.02  # part of the best promise that earns an effect a whole fit
+PROMISING = 0.05  # part of the best promise that earns an effect a whole fit
 SHORT = 1  # Gauss-Newton steps for the others
-PARTNERS = 6  # second effects that get a whole fit
+PARTNERS = 5  # second effects that get a whole fit
+PAIR_STEPS = 4
 
 
 @dataclass
@@ -60,7 +61,8 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     wholes = []
     for name, probes in search.probes.items():
         probes.sort(key=lambda p: -p.gain)
-        promising = [p for p in probes[:WHOLE_FITS] if p.gain >= PROMISING * best]
+        promising = [p for p in probes[:WHOLE_FITS]
+                     if p.gain >= max(PROMISING * best, 0.3 * probes[0].gain)]
         wholes += [(name, p.place, STEPS) for p in promising]
         if not promising:
             wholes.append((name, probes[0].place, SHORT))
@@ -81,20 +83,19 @@ def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,
     """Fit pairs of ``base`` and every other effect that promises something."""
     fit = search.fits[base]
     used = base.split('+')
-    jobs = [(name, p.place) for name, probes in search.probes.items() if name not in used
-            for p in probes]
-    progress(f'looking for what {base} leaves')
-    probes = parallel(lambda job: _probe(fitter, *job, fit.effects, fit), jobs)
-    best: dict[str, Probe] = {}
-    for probe in probes:
-        if probe.effect not in best or probe.gain > best[probe.effect].gain:
-            best[probe.effect] = probe
-    ranked = sorted(best.values(), key=lambda p: -p.gain)[:PARTNERS]
+    # How an effect moves the outputs hardly depends on the other being on: no new simulation.
+    ranked = sorted(
+        ((max(((fitter.linear_gain(p.direction, fit), p) for p in probes
+              if p.direction is not None), key=lambda pair: pair[0]) if any(p.direction is not None for p in probes)
+          else (0.0, probes[0]))
+         for name, probes in search.probes.items() if name not in used),
+        key=lambda pair: -pair[0])
+    ranked = [probe for gain, probe in ranked[:PARTNERS] if gain > 0.02 * ranked[0][0]]
 
     def whole(probe):
         effects = {**fit.effects, probe.effect: probe.place}
         return '+'.join(sorted([*used, probe.effect], key=list(EFFECTS).index)), fitter.fit(
-            effects, fit.phi, steps=6)
+            effects, fit.phi, steps=PAIR_STEPS)
 
     progress(f'fitting pairs with {base}')
     for name, pair in parallel(whole, ranked):

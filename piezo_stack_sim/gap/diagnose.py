@@ -30,7 +30,7 @@ from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
 
-BASES = 3  # single effects from which pairs are tried
+BASES = 2  # single effects from which pairs are tried
 
 
 def _silent(message: str) -> None:
@@ -80,15 +80,16 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     names = [name for name in search.fits if '+' not in name]
     judge = Judge.from_residual(
         evidence, min((search.fits[n] for n in names), key=lambda f: f.cost).residual)
-    removable = _Removable(evidence, fitter.base)
+    # What re-tuning removes is calibration, not a cause.
+    removable = _Removable(evidence, search.nominal.residual)
     singles = _rank(names, search, judge, removable)
     progress('asking what a flexible correction could explain')
-    flexible = blackbox.flexible_correction(evidence, before, fitter.base)
+    flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = removable.share(flexible)
     pairs: list[Ranked] = []
     if singles[0].gain > thresholds.detect and singles[0].removed < thresholds.settled:
         for ranked in singles[:BASES]:
-            if ranked.gain > 0.3 * singles[0].gain:
+            if ranked.gain > 0.5 * singles[0].gain:
                 search_partners(fitter, extent, search, ranked.name, progress)
         pairs = _rank([n for n in search.fits if '+' in n], search, judge, removable)
     classes, unseen = isolability(fitter, search)

@@ -22,8 +22,8 @@ from piezo_stack_sim.gap.forward import fitted_rows, residuals
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.plant import Device
 
-STEPS = 8
-ENOUGH = 1e-4  # relative fall of the cost below which a fit has arrived
+STEPS = 5
+ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ class Fitter:
                 self.jacobian[self.rows].T @ residual[self.rows]])
             slope += precision * np.concatenate([walk, phi])
             fallen = False
-            for _ in range(4):
+            for _ in range(3):
                 change = _bounded_step(
                     square, precision, slope, damping,
                     np.concatenate([lower - walk, -self.nuisance.bound - phi]),

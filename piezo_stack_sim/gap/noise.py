@@ -15,6 +15,9 @@ import numpy as np
 
 # Variance of the third difference of white noise of unit variance.
 _THIRD_DIFFERENCE = 20.0
+COLOURED = 1.25  # repeats that differ by less than this are as good as white
+LONGEST = 4.0  # the most that correlation may take from the weight of an average
+LOUDEST = 2.0  # repeats that differ by more than this over the white part hold a gap, not noise
 _MAD = 0.67448975  # median |z| of a standard normal z
 
 
@@ -66,7 +69,7 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
                 np.median(np.abs(third)) / _MAD / math.sqrt(_THIRD_DIFFERENCE))
             if period:
                 repeats.setdefault(channel, []).append(
-                    _from_repeats(measured, period, recording.command))
+                    _from_repeats(residual, period, recording.command))
     result = {}
     for channel, levels in white.items():
         level = float(np.median(np.sort(levels)[:max(1, (len(levels) + 1) // 2)]))
@@ -76,8 +79,8 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
         rms, correlation = level, 1.0
         if channel in repeats:
             seen = min(repeats[channel])
-            rms = max(level, min(seen[0], 10.0 * level))
-            correlation = seen[1]
+            if COLOURED * level < seen[0] < LOUDEST * level:
+                rms, correlation = seen[0], min(seen[1], LONGEST)
         result[channel] = ChannelNoise(rms, correlation)
     return result
 
@@ -87,13 +90,13 @@ def repetition(command: np.ndarray) -> int:
     n = command.size
     if n < 200 or np.ptp(command) == 0.0:
         return 0
-    tail = command[n // 3:]
+    tail = command[n // 5:]
     tail = tail - tail.mean()
     spectrum = np.fft.rfft(tail, 2 * tail.size)
     correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:tail.size]
     lags = np.arange(tail.size)
     correlation = correlation / np.maximum(tail.size - lags, 1)
-    usable = tail.size // 2
+    usable = tail.size // 2 + 1
     start = np.argmax(correlation[:usable] < 0.5 * correlation[0])
     if start == 0:
         return 0
@@ -103,13 +106,13 @@ def repetition(command: np.ndarray) -> int:
     return 0
 
 
-def _from_repeats(measured, period, command) -> tuple[float, float]:
-    n = measured.size
+def _from_repeats(residual, period, command) -> tuple[float, float]:
+    n = residual.size
     start = n
     while start - 1 - period >= 0 and abs(command[start - 1] - command[start - 1 - period]) < (
             1e-4 * np.ptp(command)):
         start -= 1
-    difference = (measured[start:] - measured[start - period:n - period]) / math.sqrt(2.0)
+    difference = (residual[start:] - residual[start - period:n - period]) / math.sqrt(2.0)
     if difference.size < 100:
         return math.inf, 1.0
     # What is linear in time is drift of the device, not noise.
@@ -147,7 +150,7 @@ def _resolution(recordings, channel) -> float:
             levels = np.unique(recording.measured[channel])
             steps = np.diff(levels)
             if levels.size > 10 and levels.size < 0.2 * len(recording):
-                return float(np.median(steps))
+                return float(steps.min())
     return 0.0
 
 
