@@ -8,8 +8,6 @@ import click
 from piezo_stack_sim.commands.options import params_option
 from piezo_stack_sim.errors import InputError
 
-PREFIXES = {-12: 'p', -9: 'n', -6: 'µ', -3: 'm', 0: '', 3: 'k', 6: 'M', 9: 'G'}
-
 
 @click.command('analyse')
 @params_option
@@ -107,15 +105,11 @@ def _print(device, result):
 
 def _shown(value, unit):
     """Return a number with its unit and the prefix that suits it."""
-    if not math.isfinite(value):
-        return f'{value} {unit}'.strip()
-    if not unit or '/' in unit and unit not in ('m/C', 'm/V', 'N/m'):
-        return f'{value:.5g} {unit}'.strip()
+    from piezo_stack_sim.gap.quantities import quantity
+
     if unit == 'N/m':  # as catalogues do
-        return f'{value * 1e-6:.5g} N/µm'
-    power = 0 if value == 0.0 else int(math.floor(math.log10(abs(value)) / 3.0)) * 3
-    power = min(max(power, -12), 9)
-    return f'{value / 10.0 ** power:.5g} {PREFIXES[power]}{unit}'
+        value, unit = value * 1e-6, 'N/µm'
+    return f'{value:.5g} {unit}' if unit == 'N/µm' else quantity(value, unit, 5)
 
 
 def _finite(value):

@@ -27,17 +27,14 @@ def command(params, quick, node, only_node, as_json):
 
         result['speed'] = measure(load_device(params) if params else None, quick)
     if node or only_node:
-        from piezo_stack_sim.node.bench import measure as measure_node
-
-        result['node'] = measure_node()
+        result['node'] = _measure_node()
     if as_json:
         click.echo(json.dumps(result, indent=2))
         return
     if 'speed' in result:
         _print_speed(result['speed'])
     if 'node' in result:
-        from piezo_stack_sim.node.bench import print_table
-        print_table(result['node'])
+        _print_node(result['node'])
 
 
 def _print_speed(speed):
@@ -83,3 +80,49 @@ def _print_speed(speed):
 
 def _off(row):
     return (f'{1e9 * row["displacement_error"]:.3f} nm', f'{1e9 * row["charge_error"]:.3f} nC')
+
+
+def _measure_node():
+    """Measure the node beside a bare one, in processes of their own, at several rates."""
+    from dataclasses import asdict
+
+    from piezo_stack_sim.node import bench
+    from piezo_stack_sim.progress import track
+
+    jobs = [(measure, {'rate': rate, **more}) for rate in bench.RATES for measure, more in (
+        (bench.device_timing, {}), (bench.bare_timing, {}), (bench.bare_timing, {'publish': False})
+    )]
+    timings = [measure(**options) for measure, options in track(jobs, 'Timing the node')]
+    device, bare = (timings[3 * bench.RATES.index(1000.0) + i] for i in (0, 1))
+    return {'timings': [asdict(timing) for timing in timings],
+            'processor_ratio_at_1_khz': bench.cpu_ratio(device, bare),
+            'lockstep': asdict(bench.lockstep_speed())}
+
+
+def _print_node(node):
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    rows = Table(title='Node, ticks by wall time', title_justify='left')
+    for column in ('', 'rate', 'of a core', 'ticks', 'missed', 'late: median', '99 %', '99.9 %',
+                   'most', 'within 0.5 ms'):
+        rows.add_column(column, justify='left' if not column else 'right')
+    previous = None
+    for row in node['timings']:
+        if previous not in (None, row['rate']):
+            rows.add_section()
+        previous = row['rate']
+        late = [f'{1e6 * row[f"late_{name}"]:.0f} µs' for name in ('p50', 'p99', 'p999', 'max')]
+        rows.add_row(row['name'], f'{row["rate"]:.0f} Hz', f'{100.0 * row["cpu"]:.1f} %',
+                     f'{row["ticks"]}', f'{row["missed"]}', *late,
+                     f'{100.0 * row["within_half_ms"]:.2f} %')
+    console.print(rows)
+    lockstep = node['lockstep']
+    console.print(
+        f'At 1 kHz the node takes {node["processor_ratio_at_1_khz"]:.2f} times the processor time '
+        'of a bare rclpy node that publishes the same messages.\n'
+        f'Lockstep with a client in another process: {lockstep["exchanges_per_second"]:,.0f} '
+        f'exchanges a second (round trip {1e6 * lockstep["round_trip_p50"]:.0f} µs, 99 % '
+        f'{1e6 * lockstep["round_trip_p99"]:.0f} µs), '
+        f'{lockstep["burst_per_second"]:,.0f} ticks a second in a burst.')
