@@ -10,8 +10,7 @@ pytest.importorskip('rclpy')
 
 from builtin_interfaces.msg import Time  # noqa: E402, I100
 from piezo_stack_sim.node import realtime  # noqa: E402
-from piezo_stack_sim.node.commands import (  # noqa: E402
-    CommandIntake, OncePerSecond, Tally, Watchdog)
+from piezo_stack_sim.node.commands import CommandIntake, News, Tally, Watchdog  # noqa: E402
 from piezo_stack_sim.node.messages import ClockTopic, FloatTopic, StateTopic  # noqa: E402
 from piezo_stack_sim.node.parameters import descriptor, flat  # noqa: E402
 from piezo_stack_sim.node.schedule import NEVER, Schedule, SECOND  # noqa: E402
@@ -115,18 +114,16 @@ def test_the_watchdog_counts_device_time_from_the_first_command():
     assert not watchdog.check(10**9)
 
 
-def test_a_log_tells_the_count_of_what_it_left_out():
+def test_a_log_tells_each_kind_once_with_its_count():
     lines, tally = [], Tally()
-    say = OncePerSecond(tally, lines.append)
+    news = News(tally, lines.append)
     tally.note('clamped', 'a')
-    assert say.tell() == ['clamped'] and lines == ['a']
     for _ in range(5):
-        tally.note('clamped', 'b')
-    assert say.tell() == ['clamped'] and lines == ['a']
-    say.PERIOD = 0.0
-    say.tell()
-    assert lines == ['a', 'b (5 times)']
-    assert say.tell() == []
+        tally.note('refused_not_finite', 'b')
+    assert news.tell() == lines == ['b (5 times)', 'a']
+    assert news.tell() == []
+    tally.note('clamped', 'c')
+    assert news.tell() == ['c']
 
 
 def test_the_common_clock_is_that_of_the_slowest_device():

@@ -7,7 +7,7 @@ from typing import cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.node.commands import CommandIntake, OncePerSecond, Watchdog
+from piezo_stack_sim.node.commands import CommandIntake, News, Watchdog
 from piezo_stack_sim.node.diagnostics import Findings
 from piezo_stack_sim.node.messages import ClockTopic, FloatTopic, StateTopic
 from piezo_stack_sim.node.parameters import DeviceParameters
@@ -92,7 +92,7 @@ class ActuatorNode(Node):
         self._active: tuple[float | None, float] = (None, 0.0)
         self._known_failures = self._known_late = self._known_namesakes = 0
         self._ros_clock = cast(ROSClock, self.get_clock())
-        self._say = OncePerSecond(self.intake.tally, self.get_logger().warning)
+        self._news = News(self.intake.tally, self.get_logger().warning)
         self._clock_group = clock
         self._connect(device.joint_name)
 
@@ -129,10 +129,10 @@ class ActuatorNode(Node):
 
     # -- time --------------------------------------------------------------------
 
-    def start(self) -> None:
-        """Begin to keep time, unless time is kept by those who send commands."""
+    def start(self, origin: int | None = None) -> None:
+        """Begin to keep time from `origin` (ns), unless it is kept by those who send commands."""
         if not self.lockstep and not self.paused:
-            self.schedule.start()
+            self.schedule.start(origin)
 
     def tick(self) -> None:
         """Do what is due now by the steady clock; called by the main loop at a deadline."""
@@ -306,8 +306,7 @@ class ActuatorNode(Node):
         found, schedule, intake = Findings(), self.schedule, self.intake
         if self._failures != self._known_failures:
             found.errors.append('the state left the finite numbers and was taken back')
-        for what in self._say.tell():
-            found.warnings.append(intake.tally.latest[what])
+        found.warnings += self._news.tell()
         found.warn_if(self.plant.charge_out_of_range,
                       'charge beyond the identified range: a Maxwell element that should not '
                       'slip has slipped; positions are off until reset')

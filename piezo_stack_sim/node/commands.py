@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 import math
-import time
 from typing import Callable
 
 # Beyond these no stack lives; they only keep absurd numbers finite.
@@ -28,9 +27,11 @@ class Tally:
         self.latest[what] = text
 
 
-class OncePerSecond:
+class News:
     """
-    Passes on the counts of a tally as log lines, each kind once a second at most.
+    Passes on what is new in a tally as log lines, one for each kind of event.
+
+    However many events there are, asked once a second it logs once a second.
 
     Parameters
     ----------
@@ -41,30 +42,22 @@ class OncePerSecond:
 
     """
 
-    PERIOD = 1.0  # s
-
     def __init__(self, tally: Tally, log: Callable[[str], object]) -> None:
         self._tally = tally
         self._log = log
         self._told = dict(tally.counts)
-        self._when = dict.fromkeys(tally.counts, -math.inf)
 
     def tell(self) -> list[str]:
-        """Log what is new and may be said again; return what is new, said or not."""
-        now = time.monotonic()
-        news = []
+        """Log what is new; return the lines."""
+        lines = []
         for what, count in self._tally.counts.items():
             fresh = count - self._told[what]
-            if not fresh:
-                continue
-            news.append(what)
-            if now - self._when[what] < self.PERIOD:
-                continue
-            times = f' ({fresh} times)' if fresh > 1 else ''
-            self._log(f'{self._tally.latest[what]}{times}')
-            self._told[what] = count
-            self._when[what] = now
-        return news
+            if fresh:
+                times = f' ({fresh} times)' if fresh > 1 else ''
+                lines.append(f'{self._tally.latest[what]}{times}')
+                self._log(lines[-1])
+        self._told = dict(self._tally.counts)
+        return lines
 
 
 class CommandIntake:

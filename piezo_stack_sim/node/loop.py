@@ -10,6 +10,8 @@ from piezo_stack_sim.node.actuator_node import ActuatorNode
 from piezo_stack_sim.node.schedule import NEVER, SECOND
 from rclpy.executors import ExternalShutdownException
 
+SLACK = SECOND // 100  # ns; house-keeping does not wait longer than this for a tick
+
 
 def make_executor(name: str = 'auto'):
     """
@@ -43,6 +45,7 @@ class Loop:
         self._nodes = nodes
         self._executor = executor
         self._status = status
+        self._shown = False
         self._wake = NEVER
         for node in nodes:
             executor.add_node(node)
@@ -66,15 +69,18 @@ class Loop:
     def _run(self) -> None:
         nodes, spin_once, clock = self._nodes, self._executor.spin_once, time.monotonic_ns
         schedules = [node.schedule for node in nodes]
+        origin = clock()
         for node in nodes:
-            node.start()
-        house = clock() + SECOND
+            node.start(origin)  # ticks of several devices coincide: one waking serves them all
+        house = origin + SECOND
         turn = 0
         while True:
-            wake = house
+            wake = NEVER
             for schedule in schedules:
                 if schedule.deadline < wake:
                     wake = schedule.deadline
+            if house < wake - SLACK:
+                wake = house
             now = clock()
             if now < wake:
                 self._wake = wake
@@ -83,6 +89,7 @@ class Loop:
             for node in nodes:
                 if node.schedule.deadline <= now:
                     node.tick()
+            # Right after a tick, when the next one is as far away as it gets.
             if now >= house:
                 house = self._keep_house(now, house, turn)
                 turn += 1
@@ -101,9 +108,9 @@ class Loop:
 
     def _show(self) -> None:
         lines = '\n'.join(node.status() for node in self._nodes)
-        if sys.stderr.isatty():
-            back = f'\033[{len(self._nodes) - 1}F' if len(self._nodes) > 1 else '\r'
-            sys.stderr.write(f'{back}\033[J{lines}')
-        else:
-            sys.stderr.write(f'{lines}\n')
+        if sys.stderr.isatty():  # over the lines of a second ago
+            back = f'\033[{len(self._nodes)}F\033[J' if self._shown else ''
+            self._shown = True
+            lines = back + lines
+        sys.stderr.write(f'{lines}\n')
         sys.stderr.flush()

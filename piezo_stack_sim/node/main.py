@@ -53,11 +53,9 @@ def _actuators(rows: list[str]) -> list[tuple[str, str]]:
     return pairs
 
 
-def _parameter_files(arguments: list[str]) -> tuple[list[str], bool]:
-    """Return the parameter files among ROS arguments, and whether nothing else sets any."""
-    files = [arguments[i + 1] for i, argument in enumerate(arguments[:-1])
-             if argument == '--params-file']
-    return files, not {'-p', '--param'}.intersection(arguments)
+def _given(arguments: list[str], *flags: str) -> list[str]:
+    """Return what follows each occurrence of a flag among ROS arguments."""
+    return [after for flag, after in zip(arguments, arguments[1:]) if flag in flags]
 
 
 def _one_line(error: BaseException) -> str:
@@ -94,13 +92,17 @@ def _build(options: argparse.Namespace, ros_arguments: list[str]):
     from piezo_stack_sim.node.simulation_clock import SimulationClock
     from rclpy.exceptions import InvalidNamespaceException
     clock = SimulationClock()
-    files, bare = _parameter_files(ros_arguments)
+    files = _given(ros_arguments, '--params-file')
+    single = _given(ros_arguments, '-p', '--param')
     nodes = []
     for namespace, file in _actuators(options.actuator) or [('', '')]:
-        own = ['--ros-args', '--params-file', file] if file else None
+        own = None
+        if file:  # arguments of one node go before those of all, which -p is meant to overrule
+            own = ['--ros-args', '--params-file', file,
+                   *(part for value in single for part in ('-p', value))]
         every = files + ([file] if file else [])
         try:
-            nodes.append(ActuatorNode(clock, namespace, every, bare, own))
+            nodes.append(ActuatorNode(clock, namespace, every, not single, own))
         except InvalidNamespaceException as error:
             raise InputError(f'--actuator {namespace}=...: {_one_line(error)}') from None
         except RuntimeError as error:
@@ -127,7 +129,7 @@ def run(arguments: list[str], when_ready: Callable[[], object] = lambda: None) -
         options = _arguments(remove_ros_args(['piezo_stack_node', *arguments])[1:])
         rclpy.init(args=arguments)
     except RuntimeError as error:
-        raise _reason(error, _parameter_files(arguments)[0]) from None
+        raise _reason(error, _given(arguments, '--params-file')) from None
     nodes = []
     try:
         nodes = _build(options, arguments)

@@ -44,9 +44,9 @@ class Schedule:
         self.deadline = NEVER
         self.ticks = self.late = self.tardy = self.worst = 0
 
-    def start(self) -> None:
-        """Begin: the first deadline lies one period ahead."""
-        self._origin = time.monotonic_ns()
+    def start(self, origin: int | None = None) -> None:
+        """Begin: the first deadline lies one period after `origin` (ns), by default now."""
+        self._origin = time.monotonic_ns() if origin is None else origin
         self._n = 1
         self.deadline = self._origin + round(self._period)
 
