@@ -16,17 +16,16 @@ from piezo_stack_sim.challenge.physics import (
     bristle_after, charge_step, equilibrium, mechanical_force, output_drop, slip,
 )
 
-#: Layout of the state vector; three hung bodies take three places each, the Maxwell voltages
-#: follow at the end.
+#: Layout of the state vector; the Maxwell voltages follow at the end.
 (Q, X, SPEED, TERMINAL, BRISTLE, HEAT, CURRENT, RELAY, RELAY_GOAL, LAGGED, RING, RING_RATE, BODY,
- BODY_SPEED, STATES) = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 18)
+ BODY_SPEED, STATES) = range(15)
 
 #: Motion slower than this (m/s) is a hold: at 20 kHz it is an amplitude of 0.01 nm.
 AT_REST = 1e-6
-#: So long (s) must everything have been slower before coarse steps begin; longer when bodies
-#: swing, whose speed is small for a while at every reversal.
+#: So long (s) must everything have been slower before coarse steps begin; longer with a
+#: payload, whose speed is small for a while at every reversal.
 SETTLING = 4e-4
-SETTLING_WITH_BODIES = 3e-3
+SETTLING_WITH_BODY = 3e-3
 #: A change of the source below this (V) does not end a hold: a drift, not a command.
 DRIFT = 2e-3
 #: Interval at which slow memories are brought up to date (s).
@@ -48,24 +47,18 @@ def amplify(p, state, source, h):
 
 
 @njit(cache=True)
-def pull_of_bodies(p, state, x):
-    """Return the force of the hung bodies on the moving end, without the damper's share of it."""
-    total = 0.0
-    for i in range(p.body_mass.size):
-        total += (p.body_stiffness[i] * (state[BODY + i] - x)
-                  + p.body_damping[i] * state[BODY_SPEED + i])
-    return total
+def pull_of_body(p, state, x):
+    """Return the force of the payload on the moving end, less what its damper takes."""
+    return p.body_stiffness * (state[BODY] - x) + p.body_damping * state[BODY_SPEED]
 
 
 @njit(cache=True)
-def swing_bodies(p, state, h):
-    """Advance the hung bodies by one semi-implicit step."""
-    for i in range(p.body_mass.size):
-        if p.body_mass[i] > 0.0:
-            push = (p.body_stiffness[i] * (state[X] - state[BODY + i])
-                    + p.body_damping[i] * (state[SPEED] - state[BODY_SPEED + i]))
-            state[BODY_SPEED + i] += h * push / p.body_mass[i]
-            state[BODY + i] += h * state[BODY_SPEED + i]
+def move_body(p, state, h):
+    """Advance the payload by one semi-implicit step."""
+    push = (p.body_stiffness * (state[X] - state[BODY])
+            + p.body_damping * (state[SPEED] - state[BODY_SPEED]))
+    state[BODY_SPEED] += h * push / p.body_mass
+    state[BODY] += h * state[BODY_SPEED]
 
 
 @njit(cache=True)
@@ -91,9 +84,8 @@ def relay_charge(p, state, h):
 @njit(cache=True)
 def at_rest(state, source):
     """Tell whether nothing moves any more that the small steps are for."""
-    if abs(state[RING] - source) > 1e-5 or abs(state[SPEED]) > AT_REST:
-        return False
-    return np.abs(state[BODY_SPEED:STATES]).max() < AT_REST
+    return (abs(state[RING] - source) < 1e-5 and abs(state[SPEED]) < AT_REST
+            and abs(state[BODY_SPEED]) < AT_REST)
 
 
 @njit(cache=True)
@@ -143,10 +135,10 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
     memory_due = starts[0]
     creeping, relaxing = p.creep_per_decade != 0.0, p.mount_exponent > 0.0
     warming = p.rate_gain != 0.0 or p.heating_gain != 0.0
-    viscosity = p.b + p.body_damping.sum()
+    viscosity = p.b + p.body_damping
     calm = hold_only
     still = unsaved = acceleration = 0.0
-    settling = SETTLING_WITH_BODIES if p.body_mass.sum() > 0.0 else SETTLING
+    settling = SETTLING_WITH_BODY if p.body_mass > 0.0 else SETTLING
 
     for j in range(sources.size):
         source, force = sources[j], forces[j]
@@ -200,7 +192,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                     slip(p, z, dq, 0.0, rate_scale)
                     state[Q] += dq
                 pull = (mechanical_force(p, state[Q], x, state[BRISTLE], relaxed, heat, force)
-                        + pull_of_bodies(p, state, x))
+                        + pull_of_body(p, state, x))
                 acceleration = (pull - viscosity * state[SPEED]) / p.m
             fresh = False
             if not calm:
@@ -215,24 +207,24 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                 speed = dx / h
                 if p.friction_force > 0.0:
                     state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, speed)
-                for i in range(p.body_mass.size):
-                    if p.body_mass[i] > 0.0:
-                        state[BODY + i], state[BODY_SPEED + i] = x + dx, speed
+                if p.body_mass > 0.0:
+                    state[BODY], state[BODY_SPEED] = x + dx, speed
             else:
                 dx = h * (state[SPEED] + 0.5 * h * acceleration)
                 dq = charge_step(p, z, state[Q], slow, x + dx, h, heat, rate_scale, state[RING])
                 if p.friction_force > 0.0:
                     state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, state[SPEED])
-                swing_bodies(p, state, h)
+                if p.body_mass > 0.0:
+                    move_body(p, state, h)
                 pull = (mechanical_force(p, state[Q] + dq, x + dx, state[BRISTLE], relaxed, heat,
-                                         force) + pull_of_bodies(p, state, x + dx))
+                                         force) + pull_of_body(p, state, x + dx))
                 speed = ((state[SPEED] + 0.5 * h * (acceleration + pull / p.m))
                          / (1.0 + 0.5 * h * viscosity / p.m))
                 acceleration = (pull - viscosity * speed) / p.m
             slip(p, z, dq, slow, rate_scale)
             state[Q] += dq
             state[X], state[SPEED] = x + dx, speed
-            state[TERMINAL] = state[RING] - output_drop(p, dq, h)
+            state[TERMINAL] = state[RING] - output_drop(p, dq, h)[0]
             if warming:
                 slow_states(p, state, dq, h)
 

@@ -21,19 +21,20 @@ BOTH = 'charge displacement'
 # -- drive -----------------------------------------------------------------------------------
 
 @register(KNOWN, 'drive', 'the driver samples the command with a clock of its own, then waits',
-          ALL, delay=log(2e-6, 3e-4), share=uniform(0.3, 0.9), phase=uniform(0.0, 1.0))
+          ALL, delay=log(2e-6, 3e-4), share=uniform(0.1, 0.5), phase=uniform(0.0, 1.0))
 def command_delay(unit, delay, share, phase):
     period = min(share * delay, 6e-5)
     return unit.change(drive={'clock_period': period, 'clock_phase': phase,
                               'latency': delay - 0.5 * period})
 
 
-@register(KNOWN, 'drive', 'output resistance into the real, hysteretic load behind a second pole',
-          ALL, time_constant=log(2e-6, 4e-4), inner=uniform(0.1, 0.25))
-def amplifier_bandwidth(unit, time_constant, inner):
+@register(KNOWN, 'drive', 'class AB output into the real, hysteretic load, behind a second pole',
+          ALL, time_constant=log(2e-6, 4e-4), inner=uniform(0.1, 0.25), quiescent=log(0.02, 0.2))
+def amplifier_bandwidth(unit, time_constant, inner, quiescent):
     # 0.8 uF: the large-signal capacitance about which the stack really varies.
     return unit.change(stack={'output_resistance': (1.0 - inner) * time_constant / 0.8e-6,
-                              'amplifier_lag': inner * time_constant})
+                              'amplifier_lag': inner * time_constant,
+                              'quiescent_current': quiescent})
 
 
 @register(KNOWN, 'drive', 'output impedance that diverges softly towards the limit (atanh)',
@@ -66,7 +67,7 @@ def creep(unit, per_decade, onset):
 
 
 @register(KNOWN, 'electrical', 'break voltages that grow with the logarithm of the current', BOTH,
-          growth=log(2e-3, 6e-2), reference=log(1e-3, 5e-3))
+          growth=log(4e-3, 0.12), reference=log(4e-3, 2e-2))
 def rate_dependent_hysteresis(unit, growth, reference):
     return unit.change(stack={'rate_gain': growth, 'rate_reference': reference})
 
@@ -91,19 +92,26 @@ def leakage(unit, resistance, voltage):
 @register(KNOWN, 'electrical', 'remanence of a random sequence of slow voltage swings', BOTH,
           peak=log(2.0, 100.0), seed=whole(1 << 30))
 def initial_polarisation(unit, peak, seed):
+    # Each swing smaller than the one before, so that none wipes out the others.
     random = np.random.default_rng(seed)
-    swings = random.uniform(-0.2, 1.0, random.integers(2, 6)) * peak
-    return unit.change(history=(peak, *swings, 0.0))
+    turns, size = [peak], peak
+    for _ in range(random.integers(1, 4)):
+        turns += [-size * random.uniform(0.05, 0.35), size * random.uniform(0.4, 0.9)]
+        size = turns[-1]
+    return unit.change(history=(*turns, 0.0))
 
 
 # -- transducer ------------------------------------------------------------------------------
 
 @register(KNOWN, 'transducer', 'electrostriction from a coupling energy: a force in q^2 and its '
-          'reaction on the voltage', BOTH, share=either_sign(3e-4, 2e-2))
-def transducer_nonlinearity(unit, share):
+          'reaction on the voltage under load', BOTH, share=either_sign(1e-3, 4e-2),
+          balanced_at=uniform(0.7, 1.2))
+def transducer_nonlinearity(unit, share, balanced_at):
+    # `share` of the displacement at 133 uC; the data sheet's ratio is that of a chord.
     stiffness = unit.stack.k + unit.stack.T ** 2 / unit.stack.C
     return unit.change(stack={
-        'electrostriction': 2.0 * share * 1.24e-5 * stiffness / 1.33e-4 ** 2})
+        'electrostriction': 2.0 * share * 1.24e-5 * stiffness / 1.33e-4 ** 2,
+        'chord_charge': 1.33e-4 * balanced_at})
 
 
 @register(KNOWN, 'transducer', 'direct and converse effect off by unequal amounts', BOTH,
@@ -121,7 +129,8 @@ def added_mass(unit, mass, joint_frequency):
     reduced = mass * unit.stack.m / (mass + unit.stack.m)
     stiffness = reduced * (2.0 * np.pi * joint_frequency) ** 2
     damping = 0.1 * np.sqrt(stiffness * reduced)
-    return with_bodies(unit, [(0, mass, stiffness, damping)])
+    return unit.change(stack={'body_mass': mass, 'body_stiffness': stiffness,
+                              'body_damping': damping})
 
 
 @register(KNOWN, 'mechanical', 'a joint that closes under load: deflection grows with log(force)',
@@ -136,11 +145,10 @@ def parallel_stiffness(unit, stiffness, length):
     return unit.change(stack={'spring_stiffness': stiffness, 'spring_length': length})
 
 
-@register(KNOWN, 'mechanical', 'restoring force with an even or a fifth power', BOTH,
-          force=log(0.05, 60.0), fifth=uniform(0.0, 1.0))
-def stiffness_hardening(unit, force, fifth):
-    return unit.change(stack={'hardening_force': force,
-                              'hardening_power': 5.0 if fifth > 0.4 else 2.0})
+@register(KNOWN, 'mechanical', 'restoring force with a high, broken power of the displacement',
+          BOTH, force=log(0.05, 60.0), power=uniform(3.5, 5.5))
+def stiffness_hardening(unit, force, power):
+    return unit.change(stack={'hardening_force': force, 'hardening_power': power})
 
 
 @register(KNOWN, 'mechanical', 'LuGre bristles with a Stribeck curve', BOTH,
@@ -151,26 +159,13 @@ def friction(unit, force, breakaway, speed, stiffness):
                               'friction_speed': speed, 'friction_stiffness': stiffness})
 
 
-@register(KNOWN, 'mechanical', 'two modes of the structure that hang on the moving end', BOTH,
-          mass=log(4e-3, 0.1), frequency=log(700.0, 6e3), spread=uniform(1.4, 2.5),
-          second=uniform(0.15, 0.4), damping=log(0.01, 0.06))
-def mechanical_resonance(unit, mass, frequency, spread, second, damping):
-    bodies = []
-    for slot, part, tone in ((1, 1.0 - second, frequency), (2, second, spread * frequency)):
-        stiffness = part * mass * (2.0 * np.pi * tone) ** 2
-        bodies.append((slot, part * mass, stiffness,
-                       2.0 * damping * np.sqrt(stiffness * part * mass)))
-    return with_bodies(unit, bodies)
-
-
-def with_bodies(unit, bodies):
-    """Hang bodies (slot, kg, N/m, N s/m) on the moving end."""
-    mass, stiffness, damping = (unit.stack.body_mass.copy(), unit.stack.body_stiffness.copy(),
-                                unit.stack.body_damping.copy())
-    for slot, *values in bodies:
-        mass[slot], stiffness[slot], damping[slot] = values
-    return unit.change(stack={'body_mass': mass, 'body_stiffness': stiffness,
-                              'body_damping': damping})
+@register(KNOWN, 'mechanical', 'two modes of the structure between the stack and the sensor',
+          'displacement', participation=either_sign(0.02, 0.6), frequency=log(500.0, 8e3),
+          spread=uniform(1.3, 2.2), second=uniform(0.1, 0.3), damping=log(0.01, 0.06))
+def mechanical_resonance(unit, participation, frequency, spread, second, damping):
+    return unit.change(sensing={
+        'mode_parts': ((1.0 - second) * participation, second * participation),
+        'mode_frequencies': (frequency, spread * frequency), 'mode_damping': damping})
 
 
 @register(KNOWN, 'mechanical', 'Hertzian contact: force in the 3/2 power of the indentation', BOTH,
@@ -181,10 +176,13 @@ def contact(unit, gap, force):
 
 
 @register(KNOWN, 'mechanical', 'a polymer mount that relaxes with a power law of time', BOTH,
-          stiffness=log(3e4, 8e6), exponent=log(0.05, 0.25), onset=log(1e-3, 5e-3))
-def mount_creep(unit, stiffness, exponent, onset):
-    return unit.change(stack={'mount_stiffness': stiffness, 'mount_exponent': exponent,
-                              'mount_onset': onset})
+          stiffness=log(2e5, 3e7), exponent=log(0.03, 0.2), onset=log(1e-3, 5e-3),
+          nominal_after=log(0.03, 0.3))
+def mount_creep(unit, stiffness, exponent, onset, nominal_after):
+    # So long after a step the stiffness is that of the data sheet.
+    then = stiffness * (1.0 + nominal_after / onset) ** -exponent
+    return unit.change(stack={'k': unit.stack.k - then, 'mount_stiffness': stiffness,
+                              'mount_exponent': exponent, 'mount_onset': onset})
 
 
 # -- environment -----------------------------------------------------------------------------
@@ -217,7 +215,7 @@ def sensor_lag(unit, time_constant, second):
 
 
 @register(KNOWN, 'sensor', 'a converter with its own clock that shows its last finished reading',
-          'displacement', delay=log(1e-6, 3e-4), share=uniform(0.3, 0.9))
+          'displacement', delay=log(1e-6, 3e-4), share=uniform(0.1, 0.6))
 def sensor_delay(unit, delay, share):
     period = min(share * delay, 4e-5)
     return unit.change(sensing={'conversion_period': period,

@@ -22,9 +22,16 @@ def mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale):
     falling = -rate_scale * (1.0 - p.branch_difference)
     charge = q + dq
     coupling = p.T * (1.0 + p.direct_error) * (1.0 + heat)
-    voltage = (charge - coupling * x) / p.C - p.electrostriction * charge * x
+    voltage = (charge - coupling * x) / p.C
     voltage += p.sense_elastance * charge
-    slope = 1.0 / p.C - p.electrostriction * x + p.sense_elastance
+    slope = 1.0 / p.C + p.sense_elastance
+    if p.electrostriction != 0.0:
+        # The reaction of the coupling energy -(q^2 - q q_c) x/2 electrostriction. Table 2 was
+        # identified on the free stack and so holds it already, there: x = free q.
+        free = p.T / (p.T * p.T + p.k * p.C)
+        voltage -= p.electrostriction * (charge - 0.5 * p.chord_charge) * x
+        voltage += p.electrostriction * free * (1.5 * charge - p.chord_charge) * charge
+        slope += p.electrostriction * (free * (3.0 * charge - p.chord_charge) - x)
     for i in range(z.size):
         stretched = z[i] + p.K[i] * (dq - slow)
         if stretched > p.V[i] * rising:
@@ -39,21 +46,31 @@ def mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale):
         voltage += p.bow_stiffness * (p.bow_charge * (growth - 1.0) - charge)
         slope += p.bow_stiffness * (growth - 1.0)
     if h > 0.0:
-        voltage += output_drop(p, dq, h)
-        slope += p.output_resistance / h
-        if p.current_limit < np.inf:
-            load = dq / (h * p.current_limit)
-            slope += p.output_resistance / h * load * load / (1.0 - load * load)
+        drop, rise = output_drop(p, dq, h)
+        voltage += drop
+        slope += rise
     return voltage, slope
 
 
 @njit(cache=True)
 def output_drop(p, dq, h):
-    """Return the voltage lost in the amplifier's output; it diverges at the current limit."""
+    """
+    Return the voltage lost in the amplifier's output for a charge step, and its slope.
+
+    It diverges at the current limit, and grows only with the logarithm of the current beyond the
+    quiescent one.
+
+    """
+    current = dq / h
     if p.current_limit < np.inf:
-        load = dq / (h * p.current_limit)
-        return p.output_resistance * p.current_limit * np.arctanh(load)
-    return p.output_resistance * dq / h
+        load = current / p.current_limit
+        return (p.output_resistance * p.current_limit * np.arctanh(load),
+                p.output_resistance / h / (1.0 - load * load))
+    if p.quiescent_current < np.inf:
+        load = current / p.quiescent_current
+        return (p.output_resistance * p.quiescent_current * np.arcsinh(load),
+                p.output_resistance / h / np.sqrt(1.0 + load * load))
+    return p.output_resistance * current, p.output_resistance / h
 
 
 @njit(cache=True)
@@ -102,10 +119,11 @@ def bristle_after(p, bristle, dx, speed):
 
 @njit(cache=True)
 def mechanical_force(p, q, x, bristle, relaxed, heat, force):
-    """Return the force on the moving end (Eqs. 14, 15), without viscosity and hung bodies."""
+    """Return the force on the moving end (Eqs. 14, 15), without viscosity and payload."""
     direct = p.T * (1.0 + p.direct_error) * (1.0 + heat)
     converse = p.T * (1.0 + p.converse_error) * (1.0 + heat)
-    total = converse * (q - direct * x) / p.C + 0.5 * p.electrostriction * q * q
+    total = converse * (q - direct * x) / p.C
+    total += 0.5 * p.electrostriction * q * (q - p.chord_charge)
     total += force - p.k * x
     if p.spring_stiffness != 0.0:
         total -= p.spring_stiffness * x * (1.0 + abs(x) / p.spring_length)

@@ -20,6 +20,10 @@ class Sensing:
     joint_stiffness: float = np.inf  # N/m
     joint_force: float = 60.0  # N at which it is twice as stiff
     play: float = 0.0  # m
+    # Modes of the structure between the stack and the point that is read.
+    mode_parts: tuple = ()
+    mode_frequencies: tuple = ()  # Hz
+    mode_damping: float = 0.03
     # Environment: warming up in two stages with a slow swing, vibration, knocks.
     warming: float = 0.0  # m
     warming_time: float = 8.0  # s
@@ -70,6 +74,26 @@ def low_pass(time, signal, lag):
 
 
 @njit(cache=True)
+def swing(time, signal, frequency, damping):
+    """Return the deflection of an oscillator whose base follows a signal; small steps."""
+    out = np.zeros_like(signal)
+    omega = 2.0 * np.pi * frequency
+    y, rate = signal[0], 0.0
+    for i in range(1, signal.size):
+        steps = 1 + int((time[i] - time[i - 1]) * omega / 0.02)
+        # In a long hold there is nothing to follow: what still swings is forgotten.
+        if steps > 2000:
+            y, rate, steps = signal[i], 0.0, 0
+        h = (time[i] - time[i - 1]) / max(steps, 1)
+        for k in range(steps):
+            base = signal[i - 1] + (signal[i] - signal[i - 1]) * (k + 1) / steps
+            rate += h * (omega * omega * (base - y) - 2.0 * damping * omega * rate)
+            y += h * rate
+        out[i] = y - signal[i]
+    return out
+
+
+@njit(cache=True)
 def with_play(signal, width):
     """Return the play operator of a signal: it follows only at the edge of a gap."""
     out = np.empty_like(signal)
@@ -109,6 +133,8 @@ def measure(sensing, trace, time, index):
             np.abs(force) / sensing.joint_force)
     if sensing.play > 0.0:
         x = with_play(x, sensing.play)
+    x = x + sum((part * swing(t, x, frequency, sensing.mode_damping) for part, frequency
+                 in zip(sensing.mode_parts, sensing.mode_frequencies)), np.zeros_like(x))
     x = x + surroundings(sensing, t - t[0], random)
     for lag in (sensing.lag, sensing.second_lag):
         if lag > 0.0:

@@ -27,10 +27,12 @@ class Stack(NamedTuple):
     K: np.ndarray = np.array(TABLE_2_STIFFNESS)  # V/C
     V: np.ndarray = np.array(TABLE_2_BREAK_VOLTAGE)  # V
 
-    # Amplifier: a pole ahead of the output, an output resistance, a soft limit of the current,
-    # and an inductive (ringing) output filter.
+    # Amplifier: a pole ahead of the output, an output resistance that falls once the current
+    # exceeds the quiescent one (class AB), a soft limit of the current, and an inductive output
+    # filter that may ring.
     amplifier_lag: float = 0.0  # s
     output_resistance: float = 0.0  # Ohm
+    quiescent_current: float = np.inf  # A
     current_limit: float = np.inf  # A
     ringing_frequency: float = 0.0  # Hz, 0 is none
     ringing_damping: float = 0.1
@@ -41,7 +43,7 @@ class Stack(NamedTuple):
     # Break voltages that grow with the logarithm of the current.
     rate_gain: float = 0.0
     rate_reference: float = 2e-3  # A
-    rate_memory: float = 3e-4  # s
+    rate_memory: float = 1e-4  # s
     # Rising and falling branches differ; an exponential restoring voltage on top.
     branch_difference: float = 0.0
     bow_stiffness: float = 0.0  # V/C
@@ -58,6 +60,7 @@ class Stack(NamedTuple):
     converse_error: float = 0.0
     direct_error: float = 0.0
     electrostriction: float = 0.0  # N/C^2
+    chord_charge: float = 0.0  # C at which its force vanishes again
     heating_gain: float = 0.0
     heating_current: float = 0.02  # A
     heating_time: float = 0.5  # s
@@ -79,7 +82,7 @@ class Stack(NamedTuple):
     mount_exponent: float = 0.1
     detent_force: float = 0.0  # N
     detent_pitch: float = 2e-6  # m
-    # Bodies hung on the moving end by springs: payload joint, two modes of a structure.
-    body_mass: np.ndarray = np.zeros(3)  # kg
-    body_stiffness: np.ndarray = np.zeros(3)  # N/m
-    body_damping: np.ndarray = np.zeros(3)  # N s/m
+    # A payload on the moving end, by a joint that is stiff but not rigid.
+    body_mass: float = 0.0  # kg
+    body_stiffness: float = 0.0  # N/m
+    body_damping: float = 0.0  # N s/m
