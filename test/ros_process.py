@@ -23,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger  # noqa: E402, I100
 
 NOMINAL = str(config_file('ae0505d16.yaml'))
 PATIENCE = 60.0  # s; a test on a busy machine waits that long for something that must come
+FIRST_START = 300.0  # s; where the kernels have to be compiled first
 # Tests that run at the same time, here or elsewhere on this host, must not hear each other.
 DOMAIN = 1 + os.getpid() % 100
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -58,7 +59,7 @@ class NodeProcess:
     def wait_for(self, text, count=1):
         """Wait until it has printed a text."""
         until(lambda: self.output.count(text) >= count or self.process.poll() is not None,
-              f'"{text}" from the node')
+              f'"{text}" from the node', FIRST_START)
         assert self.output.count(text) >= count, self.output
 
     def end(self, signum=signal.SIGTERM):

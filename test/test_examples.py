@@ -8,7 +8,8 @@ import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.examples.tracking import HEIGHT, reference, Run, table, VALLEY
 import pytest
-from ros_process import ENVIRONMENT, node_arguments, NodeProcess, PATIENCE, SPACE
+from ros_process import (
+    ENVIRONMENT, FIRST_START, node_arguments, NodeProcess, PATIENCE, SPACE)
 
 rclpy = pytest.importorskip('rclpy')
 
@@ -26,7 +27,7 @@ def example(name, folder, *arguments):
     done = subprocess.run(
         [sys.executable, '-m', f'piezo_stack_sim.examples.{name}', '--waves', '2',
          '--out', str(folder / name), *arguments],
-        env=ENVIRONMENT, capture_output=True, text=True, timeout=3 * PATIENCE)
+        env=ENVIRONMENT, capture_output=True, text=True, timeout=PATIENCE + FIRST_START)
     return done.returncode, done.stdout, done.stderr
 
 

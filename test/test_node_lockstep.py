@@ -204,6 +204,7 @@ def test_without_commands_the_last_one_is_held_and_reported(device, node):
     ('rate', 500.0, 'read-only'),
     ('noise__charge', 5.0, 'noise.charge'),
     ('drive', 5, 'type'),
+    ('effects__creep__gain_per_decade', 0.01, 'read-only'),
 ])
 def test_a_rejected_parameter_says_why(device, name, value, reason):
     result = device.set_parameters(**{name: value})[0]
@@ -230,3 +231,16 @@ def test_noise_can_be_switched_on_while_running(device):
     noisy = {row[0] for row in device.wait_for_states(60)[-10:]}
     assert device.set_parameters(noise__displacement=0.0)[0].successful
     assert len(noisy) == 10 > len(quiet)
+
+
+def test_an_effect_can_be_switched_on_while_running(device):
+    device.send('voltage_command', *[50.0] * 20)
+    ideal = device.wait_for_states(20)[-1][0]
+    assert device.set_parameters(effects__sensor_gain__gain_error=0.1)[0].successful
+    device.send('voltage_command', 50.0)
+    assert device.wait_for_states(21)[-1][0] == pytest.approx(1.1 * ideal, rel=1e-3)
+    # Its neutral value switches it off again, even where that is infinite.
+    assert device.set_parameters(effects__sensor_gain__gain_error=0.0)[0].successful
+    assert device.set_parameters(effects__leakage__resistance=math.inf)[0].successful
+    device.send('voltage_command', 50.0)
+    assert device.wait_for_states(22)[-1][0] == pytest.approx(ideal, rel=1e-3)

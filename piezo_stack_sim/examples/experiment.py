@@ -127,8 +127,8 @@ def perform(name: str, description: str, drive: str,
 
     """
     def task():
-        with started_device(options.params) if options.start else nullcontext():
-            client = StackClient(options.device, drive)
+        with started_device(options.params) if options.start else nullcontext() as process:
+            client = StackClient(options.device, drive, process)
             try:
                 runs = [track(client, label, controller, options.waves)
                         for label, controller in controllers(device, client.delay).items()]

@@ -20,6 +20,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 PATIENCE = 20.0  # s without an answer until the device counts as absent
+FIRST_START = 180.0  # s that a device may take to start where it has to be compiled first
 _VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
            ParameterType.PARAMETER_STRING: 'string_value'}
 
@@ -39,6 +40,9 @@ class StackClient:
     drive : str
         What the controller commands: ``voltage`` (V) or ``charge`` (C). The
         device is switched to it.
+    process : subprocess.Popen, optional
+        The device's process, where it has just been started: it may take its
+        time to appear.
 
     Raises
     ------
@@ -47,7 +51,8 @@ class StackClient:
 
     """
 
-    def __init__(self, device: str, drive: str) -> None:
+    def __init__(self, device: str, drive: str,
+                 process: subprocess.Popen | None = None) -> None:
         from piezo_stack_sim.node.loop import make_executor
         self._device = device
         self._node = Node(f'{drive}_controller')
@@ -60,7 +65,7 @@ class StackClient:
         self._message = Float64()
         self._parameters = AsyncParameterClient(self._node, device)
         self._wait(self._parameters.services_are_ready, f'no device {device}: start one with '
-                   'piezo_stack_node, name it with --device, or add --start')
+                   'piezo_stack_node, name it with --device, or add --start', process)
         self.rate: float = self._parameter('rate')
         self.lockstep = self._parameter('stepping') == 'lockstep'
         # By wall time a command acts from the tick after it, and shows at the one after that.
@@ -70,10 +75,11 @@ class StackClient:
 
     # -- waiting -----------------------------------------------------------------
 
-    def _wait(self, done: Callable[[], bool], complaint: str) -> None:
-        end = time.monotonic() + PATIENCE
+    def _wait(self, done: Callable[[], bool], complaint: str,
+              process: subprocess.Popen | None = None) -> None:
+        end = time.monotonic() + (FIRST_START if process else PATIENCE)
         while not done():
-            if time.monotonic() > end:
+            if time.monotonic() > end or (process and process.poll() is not None):
                 raise InputError(complaint)
             self._executor.spin_once(0.05)
 

@@ -75,15 +75,19 @@ def _reason(error: BaseException, files: list[str]) -> InputError:
 
 def _warm_up(device) -> None:
     """Meet everything that is compiled or loaded when first used, before a tick has to."""
+    from piezo_stack_sim.effects.registry import EFFECTS
     from piezo_stack_sim.plant import Plant
-    plant = Plant(device)
-    for drive in ('voltage', 'charge', 'open', 'shorted', device.drive):
-        plant.set_drive(drive)
-        plant.hold(0.0)
-        plant.advance(1e-9, 1.0)
-        plant.run([0.0] * 3, [0.0] * 3)
-        plant.sample()
-    plant.restore(plant.state)
+    # An effect may be switched on while running, and then another kernel takes over.
+    for variant in (device, device.with_effects({'creep': EFFECTS['creep'].typical()})):
+        plant = Plant(variant)
+        for drive in ('voltage', 'charge', 'open', 'shorted', device.drive):
+            plant.set_drive(drive)
+            plant.hold(0.0)
+            plant.advance(1e-9, 1.0)
+            plant.run([0.0] * 3, [0.0] * 3)
+            plant.sample()
+        plant.restore(plant.state)
+        plant.set_device(variant)
 
 
 def _build(options: argparse.Namespace, ros_arguments: list[str]):
