@@ -92,6 +92,43 @@ def test_a_force_in_millinewton_is_recognised():
     assert same(passed, recording)
 
 
+def test_a_force_in_kilonewton_is_told_by_the_answer_to_it():
+    recording = pushed()
+    passed, finding = mended(recording.replace(external_force=recording.external_force / 1e3))
+    assert 'external_force is in kN' in finding
+    assert same(passed, recording)
+
+
+def only_displacement(recording):
+    """Return the recording without its other channels."""
+    return recording.replace(measured={'displacement': recording.measured['displacement']})
+
+
+def test_a_command_that_its_own_recording_cannot_tell_takes_the_unit_of_the_set():
+    recordings = [only_displacement(each) for each in (pushed(), slow())]
+    wrong = [each.replace(command=each.command / 1e3) for each in recordings]
+    passed, findings = checked(*wrong)
+    assert sum('voltage_command is in kV' in each for each in findings) == 2
+    assert all(same(one, other) for one, other in zip(passed, recordings))
+
+
+def test_a_command_of_hardly_any_volts_is_noted():
+    wrong = only_displacement(pushed())
+    _, findings = checked(wrong.replace(command=wrong.command / 1e3), only_displacement(slow()))
+    assert any('voltage_command reaches 0.04 V of 150' in each for each in findings)
+
+
+def test_a_command_outside_the_range_is_noted_with_its_row():
+    _, finding = mended(slow(height=180.0))
+    assert "voltage_command is 179.9 V there, outside the device's range" in finding
+
+
+@pytest.mark.parametrize('channel', ['charge', 'displacement'])
+def test_a_unit_that_nobody_uses_is_refused(channel):
+    recording = slow()
+    assert channel in refusal(with_channel(recording, channel, recording.measured[channel] / 1e3))
+
+
 def test_a_gain_that_no_unit_explains_is_noted_and_kept():
     recording = slow()
     passed, finding = mended(with_channel(
@@ -127,6 +164,13 @@ def test_an_inverting_amplifier_is_seen_by_all_answers_being_turned():
     passed, finding = mended(recording.replace(command=-recording.command))
     assert 'voltage_command has the wrong sign' in finding
     assert same(passed, recording)
+
+
+def test_an_inverting_amplifier_is_seen_by_a_command_outside_the_range_too():
+    recording = only_displacement(slow())
+    passed, findings = checked(recording.replace(command=-recording.command))
+    assert 'voltage_command has the wrong sign' in findings[0]
+    assert same(passed[0], recording)
 
 
 def test_a_force_counted_in_compression_is_turned():

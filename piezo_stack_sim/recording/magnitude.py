@@ -13,7 +13,9 @@ from piezo_stack_sim.recording.samples import without
 _PLAUSIBLE = {'voltage': (-3, 3, 6), 'charge': (3, 6, 9), 'displacement': (3, 6, 9)}
 _COMMAND = {'voltage': (0, -3, 3), 'charge': (0, -3, -6, -9)}
 _NAMES = {-3: 'k', 3: 'm', 6: 'u', 9: 'n'}
-_FORCE = (0, -3)
+# Nobody excites a stack with less of its range than this.
+_LEAST = 0.01
+_SURE = 0.7
 # Decades that a device may be away from its data sheet: an effect, not a unit.
 _WIDE = 1.0
 _ODD = 2.0
@@ -94,15 +96,15 @@ def _command_powers(recording, statics):
     """Return the powers of ten that bring the command into the device's range."""
     if recording.drive not in _COMMAND:
         return (0,)
-    limit = 3.0 * (statics.voltage_limit if recording.drive == 'voltage'
-                   else statics.charge_limit)
-    size = float(np.max(np.abs(recording.command)))
-    return tuple(power for power in _COMMAND[recording.drive] if size * 10.0**power <= limit)
+    size = float(np.max(np.abs(recording.command))) / statics.limit(recording.drive)
+    return tuple(
+        power for power in _COMMAND[recording.drive]
+        if size * 10.0**power <= 3.0 and (power == 0 or size * 10.0**power >= _LEAST))
 
 
 def _force_powers(recording, statics):
     size = float(np.max(np.abs(recording.external_force)))
-    return _FORCE if size > 30.0 * statics.blocking_force else (0,)
+    return (0, -3) if size > 3.0 * statics.blocking_force else (0,)
 
 
 def check_units(recording, statics):
@@ -176,11 +178,94 @@ def _scaled(recording, reading):
     if reading.force_power:
         changes['external_force'] = recording.external_force * 10.0**reading.force_power
     for name, power in named.items():
-        findings.append(found(
-            recording, None, REPAIRED,
-            f'{name} is in {_NAMES.get(power, f"1e{-power} ")}{UNITS[name]}, as its size tells',
-            f'multiplied by 1e{-power}'))
+        findings.append(_in_unit(recording, name, power, 'as its size tells'))
     return recording.replace(measured=measured, **changes), findings
+
+
+def _in_unit(recording, name, power, why):
+    return found(recording, None, REPAIRED,
+                 f'{name} is in {_NAMES.get(power, f"1e{-power} ")}{UNITS[name]}, {why}',
+                 f'multiplied by 1e{-power}')
+
+
+def same_units(recording, powers, statics):
+    """
+    Give a recording the command's unit of its set, if its sizes do not speak against it.
+
+    A recording that is moved by a force may look sound in either unit.
+
+    Parameters
+    ----------
+    recording : Recording
+        After `check_units`.
+    powers : set of int
+        The powers of ten by which the commands of other recordings were scaled.
+    statics : Statics
+        The device.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    """
+    power = next(iter(powers), 0)
+    if len(powers) != 1 or power not in _command_powers(recording, statics):
+        return recording, []
+    reading = _Reading(recording, statics, power, 0)
+    if not reading.ratios or any(reading.powers.values()) or not reading.complete:
+        return recording, []
+    changed = recording.replace(command=recording.command * 10.0**power)
+    return changed, [_in_unit(recording, recording.command_name, -power,
+                              'as in the other recordings')]
+
+
+def command_power(before, after):
+    """Return the power of ten by which `check_units` scaled a command."""
+    sizes = [float(np.max(np.abs(each.command))) for each in (before, after)]
+    return round(math.log10(sizes[1] / sizes[0])) if all(sizes) else 0
+
+
+def check_force(recording, effect):
+    """
+    Bring a force in kilonewton to newton, as the answer to it tells.
+
+    Parameters
+    ----------
+    recording : Recording
+        After `check_units`, with the right signs.
+    effect : dict of str to (float, float)
+        Of each channel, how many times too large its answer to the force is, and how surely.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    """
+    sure = [size for size, likeness in effect.values() if likeness > _SURE]
+    if not sure or not all(_ODD < math.log10(size) < 3.0 + _WIDE for size in sure):
+        return recording, []
+    return recording.replace(external_force=recording.external_force * 1e3), [
+        _in_unit(recording, 'external_force', -3, 'as the answer to it tells')]
+
+
+def check_range(recording, statics):
+    """Note a command that hardly uses the device's range, or leaves it."""
+    if not recording.command_name or not np.any(recording.command):
+        return recording, []
+    name, unit = recording.command_name, UNITS[recording.command_name]
+    low, high = float(recording.command.min()), float(recording.command.max())
+    limit = statics.limit(recording.drive)
+    if max(-low, high) < _LEAST * limit:
+        return recording, [found(
+            recording, None, NOTE, f'{name} reaches {max(-low, high):.3g} {unit} of {limit:.3g}',
+            f'if it is not in {unit}, give its unit, as in --unit {name}=k{unit}')]
+    if low < statics.lowest(recording.drive) - 0.1 * limit or high > 1.1 * limit:
+        worst = int(np.argmin(recording.command)) if -low > high - limit else int(
+            np.argmax(recording.command))
+        return recording, [found(
+            recording, worst, NOTE, f'{name} is {recording.command[worst]:.4g} {unit} there, '
+            f"outside the device's range", 'the model is not made for it')]
+    return recording, []
 
 
 def check_connected(recording, expected):

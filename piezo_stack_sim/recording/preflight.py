@@ -55,92 +55,112 @@ def preflight(recording_set, device=None, require_measured=True, strict=False):
         When no recording is left, or at the first refusal if `strict`.
 
     """
-    findings = list(recording_set.findings)
-    statics = None if device is None else Statics(device)
-    passed, refused = [], []
-
-    def attempt(recording, check):
-        try:
-            recording, more = check(recording)
-            findings.extend(more)
-            return recording
-        except RefusedError as error:
-            if strict:
-                raise InputError(str(error)) from error
-            findings.append(error.finding)
-            refused.append(error.finding)
-            return None
-
-    for recording in recording_set.recordings:
-        findings.extend(recording.findings)
-        recording = attempt(recording, lambda each: _sizes_and_times(
-            each, statics, require_measured))
-        if recording is not None:
-            passed.append(recording)
-    if statics is not None:
-        alike = {each.name: sign.likeness(each, statics) for each in passed}
-        of_set = defaultdict(list)
-        for channels in alike.values():
-            for channel, (by_command, _) in channels.items():
-                of_set[channel].append(by_command)
-        passed = [attempt(each, lambda x: sign.check_signs(x, alike[x.name], of_set))
-                  for each in passed]
-    passed = [attempt(each, _starts(statics)) for each in passed if each is not None]
-    passed = [attempt(each, _copies(passed)) for each in passed]
-    passed = [each for each in passed if each is not None]
-    if not passed:
-        more = f' (and {len(refused) - 1} more)' if len(refused) > 1 else ''
-        raise InputError(f'{refused[0]}{more}')
-    result = recording_set.replace(recordings=tuple(passed), findings=())
-    return result, [*findings, *_missing_channels(result)]
-
-
-def _sizes_and_times(recording, statics, require_measured):
-    """Run the checks of one recording that need no other one."""
-    findings = []
-    if require_measured and not recording.measured:
-        raise refuse(recording, None, f'nothing was measured, none of {", ".join(MEASURED)}',
-                     'map the channel, as in --map displacement=...')
+    stages = _Stages(recording_set, strict)
+    stages.run(lambda each: _measured(each, require_measured))
     for check in (
         samples.check_length, samples.check_numbers, timing.check_inputs_complete,
         timing.check_order, timing.check_unit, timing.check_grid, samples.check_missing,
         samples.check_length,
     ):
-        recording, more = check(recording)
-        findings += more
-    for check in _channel_checks(statics):
-        recording, more = check(recording)
-        findings += more
-    if require_measured and not recording.measured:
-        raise refuse(recording, None, 'no measured channel is usable',
-                     '; '.join(each.what for each in findings))
-    if not any(np.any(each) for each in (recording.command, recording.external_force)):
-        findings.append(found(recording, 0, NOTE, 'command and force are zero throughout',
-                              'it shows noise and drift only'))
-    return recording, findings
+        stages.run(check)
+    if device is None:
+        stages.run(magnitude.check_limits)
+        stages.run(lambda each: samples.check_alive(each, {}))
+        stages.run(lambda each: samples.check_clipped(each, {}))
+        stages.run(_starts(None))
+    else:
+        _against_the_device(stages, Statics(device))
+    stages.run(lambda each: _measured(each, require_measured))
+    stages.run(_copies(stages.passed))
+    return stages.result()
 
 
-def _channel_checks(statics):
-    if statics is None:
-        return (magnitude.check_limits, lambda each: samples.check_alive(each, {}),
-                lambda each: samples.check_clipped(each, {}))
+class _Stages:
+    """The recordings that have passed so far, and what was found on the way."""
 
+    def __init__(self, recording_set, strict):
+        self.set, self.strict = recording_set, strict
+        self.passed = list(recording_set.recordings)
+        self.findings = [each for recording in self.passed for each in recording.findings]
+        self.refused = []
+
+    def run(self, check):
+        """Run a check over all recordings; one that is refused goes no further."""
+        recordings, self.passed = self.passed, []
+        for recording in recordings:
+            try:
+                recording, findings = check(recording)
+            except RefusedError as error:
+                if self.strict:
+                    raise InputError(str(error)) from error
+                self.refused.append(error.finding)
+                continue
+            self.findings += findings
+            self.passed.append(recording)
+
+    def result(self):
+        """Return what preflight returns."""
+        if not self.passed:
+            more = f' (and {len(self.refused) - 1} more)' if len(self.refused) > 1 else ''
+            raise InputError(f'{self.refused[0]}{more}')
+        result = self.set.replace(recordings=tuple(self.passed), findings=())
+        order = {each.source or each.name: k for k, each in enumerate(self.set.recordings)}
+        # By recording, as they are read, and for each in the order of the checks.
+        findings = sorted([*self.findings, *self.refused],
+                          key=lambda each: order.get(each.file, -1))
+        return result, [*self.set.findings, *findings, *_missing_channels(result)]
+
+
+def _measured(recording, required):
+    """Refuse a recording in which nothing was measured, or nothing is left of it."""
+    if required and not recording.measured:
+        raise refuse(recording, None, 'nothing was measured, or nothing usable, of '
+                     f'{", ".join(MEASURED)}', 'map the channel, as in --map displacement=...')
+    return recording, []
+
+
+def _against_the_device(stages, statics):
+    """Run the checks that compare with what the device should answer."""
     def answered(check):
         return lambda each: check(
             each, statics.answer(each.drive, each.command, each.external_force))
 
-    return (answered(samples.check_alive), answered(magnitude.check_connected),
-            lambda each: magnitude.check_units(each, statics), answered(samples.check_clipped))
+    stages.run(answered(samples.check_alive))
+    stages.run(answered(magnitude.check_connected))
+    before = {each.name: each for each in stages.passed}
+    stages.run(lambda each: magnitude.check_units(each, statics))
+    scaled = {each.name: magnitude.command_power(before[each.name], each)
+              for each in stages.passed}
+    # One power of ten for all the recordings of a drive whose command was scaled.
+    found_powers = {drive: {scaled[each.name] for each in stages.passed
+                            if each.drive == drive and scaled[each.name]}
+                    for drive in ('voltage', 'charge')}
+    stages.run(lambda each: (each, []) if scaled[each.name] else magnitude.same_units(
+        each, found_powers.get(each.drive, ()), statics))
+    alike = {each.name: sign.likeness(each, statics) for each in stages.passed}
+    of_set = defaultdict(list)
+    for channels in alike.values():
+        for channel, (by_command, _) in channels.items():
+            of_set[channel].append(by_command)
+    stages.run(lambda each: sign.check_signs(
+        each, alike[each.name], of_set, statics.lowest(each.drive)))
+    stages.run(lambda each: magnitude.check_force(each, sign.force_effect(each, statics)))
+    stages.run(lambda each: magnitude.check_range(each, statics))
+    stages.run(answered(samples.check_clipped))
+    stages.run(_starts(statics))
 
 
 def _starts(statics):
     """Return the check of the first rows, against the device's range if it is known."""
     def check(recording):
         size = float(np.max(np.abs(recording.command)))
-        if statics is not None and recording.drive in ('voltage', 'charge'):
-            size = max(size, statics.voltage_limit if recording.drive == 'voltage'
-                       else statics.charge_limit)
-        return samples.check_start(recording, size)
+        if statics is not None and recording.command_name:
+            size = max(size, statics.limit(recording.drive))
+        recording, findings = samples.check_start(recording, size)
+        if not np.any(recording.command) and not np.any(recording.external_force):
+            findings.append(found(recording, 0, NOTE, 'command and force are zero throughout',
+                                  'it shows noise and drift only'))
+        return recording, findings
     return check
 
 

@@ -67,13 +67,38 @@ def likeness(recording, statics):
     return alike
 
 
+def force_effect(recording, statics):
+    """
+    Compare how far the force moves each channel with how far it should.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        The ratio, and the correlation beyond what the command explains.
+
+    """
+    still = np.zeros(len(recording))
+    by_command = statics.answer(recording.drive, recording.command, still)
+    by_force = statics.answer(recording.drive, still, recording.external_force)
+    effect = {}
+    for channel, values in recording.measured.items():
+        slow = [_slowed(x, recording.rate)
+                for x in (values, by_force[channel], by_command[channel])]
+        alike = _alike(*slow)
+        if alike is not None:
+            other = None if np.ptp(slow[2]) == 0.0 else slow[2] / np.ptp(slow[2])
+            sizes = [np.std(_without(each, other)) for each in slow[:2]]
+            effect[channel] = (float(sizes[0] / sizes[1]) if min(sizes) > 0.0 else 1.0, alike)
+    return effect
+
+
 def _against(likenesses):
     """Return -1 when all that is sure is against, 1 when all is for, 0 when nothing is sure."""
     sure = {int(np.sign(each)) for each in likenesses if each is not None and abs(each) > _SURE}
     return sure.pop() if len(sure) == 1 else 0
 
 
-def check_signs(recording, alike, of_set):
+def check_signs(recording, alike, of_set, lowest=-np.inf):
     """
     Turn what is unmistakably the wrong way round.
 
@@ -85,6 +110,8 @@ def check_signs(recording, alike, of_set):
         Its `likeness`.
     of_set : dict of str to list of float
         Correlations with the command over the whole set, for a recording without a command.
+    lowest : float
+        The lowest command that the device is made for.
 
     Returns
     -------
@@ -98,7 +125,9 @@ def check_signs(recording, alike, of_set):
     """
     by_command = {name: _against([each[0]]) for name, each in alike.items()}
     turned = [name for name, sign in by_command.items() if sign < 0]
-    if len(turned) > 1 and len(turned) == len([x for x in by_command.values() if x]):
+    # A command that never enters the range but would if it were turned.
+    outside = np.max(recording.command) <= 0.0 and np.min(recording.command) < lowest
+    if turned and (len(turned) > 1 or outside) and not any(x > 0 for x in by_command.values()):
         # All answers against one question: it is the question that is turned.
         recording, finding = _turn(recording, recording.command_name)
         return recording, [finding]

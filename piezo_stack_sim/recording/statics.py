@@ -33,6 +33,7 @@ class Statics:
         self.elastance = float(elastance.sum())
         # The largest command of the data sheet, whichever its sign.
         self.voltage_limit = float(max(abs(each) for each in actuator.voltage_range))
+        self._lowest = float(min(actuator.voltage_range)) / self.voltage_limit
         free = self.capacitance + self.ratio**2 / self.stiffness
         breaks = np.append((limit / elastance)[np.isfinite(limit)], 0.0)
         knots = np.unique(np.append(breaks, self.voltage_limit * free + breaks.max() * 2.0))
@@ -52,6 +53,14 @@ class Statics:
     def charge_limit(self):
         """Return the charge at the largest voltage, C."""
         return float(self.charge_of(np.array([self.voltage_limit]))[0])
+
+    def limit(self, drive):
+        """Return the largest command of a drive, V or C; infinite where there is none."""
+        return {'voltage': self.voltage_limit, 'charge': self.charge_limit}.get(drive, np.inf)
+
+    def lowest(self, drive):
+        """Return the lowest command of a drive, V or C: zero for a device of one polarity."""
+        return self._lowest * self.limit(drive) if drive in ('voltage', 'charge') else -np.inf
 
     @property
     def blocking_force(self):
