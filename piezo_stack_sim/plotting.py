@@ -46,11 +46,11 @@ QUANTITIES = {
 #: Colour and dash pattern of line 0, 1, 2, ... from dark to light, so that grey keeps them apart.
 LINES = (
     ('#111111', '-'),
-    ('#b3263b', (0, (5, 2))),
-    ('#2f76b8', (0, (6, 1.6, 1.2, 1.6))),
-    ('#3d9a5f', (0, (1.4, 1.4))),
-    ('#e08e1b', (0, (8, 2, 1.2, 2, 1.2, 2))),
-    ('#8d6bb8', (0, (3, 1))),
+    ('#a8223a', (0, (5, 2))),
+    ('#3d8bd0', (0, (6, 1.6, 1.2, 1.6))),
+    ('#4fae7e', (0, (1.4, 1.4))),
+    ('#e39a2d', (0, (8, 2, 1.2, 2, 1.2, 2))),
+    ('#b79ad6', (0, (3, 1))),
 )
 MARKERS = ('o', 's', '^', 'D', 'v', 'X')
 
@@ -145,6 +145,12 @@ def label(axes: Any, x: str | None = None, y: str | None = None) -> None:
         axes.set_xlabel(QUANTITIES[x][0])
     if y is not None:
         axes.set_ylabel(QUANTITIES[y][0])
+
+
+def legend_above(axes: Any, columns: int = 4, title: str | None = None) -> None:
+    """Put the legend above the axes, where it hides no data."""
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False,
+                title=title, borderaxespad=0.2, columnspacing=1.4)
 
 
 def plot(axes: Any, x_values: Any, y_values: Any, *, x: str, y: str, **options: Any) -> Any:

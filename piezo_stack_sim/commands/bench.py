@@ -79,7 +79,7 @@ def _print_speed(speed):
 
 
 def _off(row):
-    return (f'{1e9 * row["displacement_error"]:.3f} nm', f'{1e9 * row["charge_error"]:.3f} nC')
+    return (f'{1e9 * row["displacement_error"]:.2g} nm', f'{1e9 * row["charge_error"]:.2g} nC')
 
 
 def _measure_node():
