@@ -1,0 +1,285 @@
+"""The plant against the equations: recordings by an independent integrator, facts, invariants."""
+
+import csv
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import (
+    Device, Load, Plant, PlantState, simulate, simulate_many)
+from piezo_stack_sim.plant import offline, stack
+from piezo_stack_sim.recording.recording import Recording
+import pytest
+
+REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
+RECORDINGS = ('triangle', 'decay', 'steps', 'multisine', 'force', 'triangle_100hz_90v',
+              'ideal_step_90v', 'shorted_force', 'charge_chirp')
+
+
+@pytest.fixture(scope='module')
+def device():
+    return Device.nominal()
+
+
+def rise(device, voltage, seconds=2.0, rows=4000):
+    """Lead the relaxed device slowly to a voltage and let it rest."""
+    time = np.linspace(0.0, seconds, rows)
+    command = voltage * np.minimum(time / (0.8 * seconds), 1.0)
+    return simulate(device, time, command)
+
+
+@pytest.mark.parametrize('name', RECORDINGS)
+def test_the_plant_stays_within_a_nanometre_of_an_independent_integrator(device, name):
+    path = REFERENCE / f'{name}.csv.gz'
+    if not path.exists():
+        pytest.skip('no reference recordings beside the checkout')
+    with gzip.open(path, 'rt') as file:
+        header = next(csv.reader(file))
+        rows = np.loadtxt(file, delimiter=',')
+    column = dict(zip(header, rows.T))
+    drive = 'charge' if 'charge_command' in column else (
+        'shorted' if name == 'shorted_force' else 'voltage')
+    command = column.get('charge_command', column.get('voltage_command'))
+    answer = simulate(device, column['time'], command, column['external_force'], drive)
+    assert np.abs(answer.displacement - column['displacement']).max() < 1e-9
+    assert np.abs(answer.charge - column['charge']).max() < 10e-9
+
+
+@pytest.mark.parametrize('voltage, charge, displacement', [
+    (10.0, 7.958683e-6, 0.742414e-6), (30.0, 32.362925e-6, 3.018930e-6),
+    (60.0, 79.140940e-6, 7.382550e-6), (90.0, 133.100671e-6, 12.416107e-6),
+    (100.0, 151.087248e-6, 14.093960e-6)])
+def test_a_slow_rise_ends_where_the_equations_say(device, voltage, charge, displacement):
+    answer = rise(device, voltage)
+    # The held command moves in small steps that ring: a few tenths of a nanometre.
+    assert answer.charge[-1] == pytest.approx(charge, abs=2e-8)
+    assert answer.displacement[-1] == pytest.approx(displacement, abs=2e-9)
+
+
+@pytest.mark.parametrize('peak, first, left', [
+    (30.0, 3.0228e-6, 0.6008e-6), (60.0, 7.3923e-6, 1.3371e-6), (90.0, 12.4308e-6, 2.1652e-6)])
+def test_a_triangle_peaks_and_leaves_what_the_paper_parameters_give(device, peak, first, left):
+    rows = 1000
+    turn = np.arange(2 * rows) / rows % 1.0
+    command = peak * np.minimum(2.0 * turn, 2.0 - 2.0 * turn)
+    answer = simulate(device, np.arange(command.size) * 1e-5, command)
+    assert answer.displacement[:rows].max() == pytest.approx(first, abs=2e-10)
+    # The lowest point of the turn, a row or two after the command was back at zero.
+    assert answer.displacement[rows:rows + 5].min() == pytest.approx(left, abs=1e-10)
+
+
+def test_an_ideal_step_of_90_volts_rings_and_the_hysteresis_remembers_it(device):
+    for rows in (50, 500, 5000):  # from the equations, not from the step of the rows
+        answer = simulate(device, np.linspace(0.0, 5e-3, rows), np.full(rows, 90.0))
+        assert answer.displacement[-1] == pytest.approx(16.0607e-6, abs=1e-9)
+        assert answer.charge_out_of_range
+
+
+def test_open_leads_show_no_hysteresis_and_the_stiffness_of_equation_20(device):
+    time = np.arange(4001) * 5e-5
+    force = -100.0 * (1.0 - np.cos(2.0 * np.pi * 10.0 * time))
+    answer = simulate(device, time, np.zeros(4001), force, 'open')
+    actuator = device.actuator
+    k_open = actuator.stiffness + actuator.transformer_ratio ** 2 / actuator.linear_capacitance
+    assert k_open == pytest.approx(89.3333e6, rel=1e-5)
+    assert answer.displacement.min() == pytest.approx(-200.0 / k_open, abs=1e-11)
+    assert answer.displacement[-1] == pytest.approx(0.0, abs=1e-10)
+    assert np.all(answer.charge == 0.0)
+
+
+def test_shorted_leads_are_softer_and_remember(device):
+    time = np.arange(4001) * 5e-5
+    force = -100.0 * (1.0 - np.cos(2.0 * np.pi * 10.0 * time))
+    answer = simulate(device, time, np.zeros(4001), force, 'shorted')
+    assert answer.displacement[:2000].min() == pytest.approx(-3.84083e-6, abs=1e-9)
+    assert answer.displacement[2000] == pytest.approx(-0.22560e-6, abs=2e-9)
+
+
+def test_charge_drive_is_linear_without_a_loop(device):
+    time = np.arange(2001) * 1e-3
+    charge = 60e-6 * (1.0 - np.cos(2.0 * np.pi * time))
+    once = simulate(device, time, charge, drive='charge').displacement
+    half = simulate(device, time, 0.5 * charge, drive='charge').displacement
+    assert np.abs(once - 2.0 * half).max() < 1e-15
+    # Static gain x/q, rising and falling.
+    assert np.abs(once[1:] - 0.0932836 * charge[:-1]).max() < 1e-9
+
+
+def test_a_clamped_stack_pushes_the_blocked_force(device):
+    blocked = device.replace(load=Load(clamped=True))
+    full_range = blocked.replace(actuator=device.actuator.replace(
+        maxwell_break_voltage=(*device.actuator.maxwell_break_voltage[:-1], math.inf)))
+    for voltage, force in ((100.0, 529.0), (150.0, 837.0)):
+        answer = rise(full_range, voltage)
+        assert answer.force[-1] == pytest.approx(force, abs=0.6)
+        assert answer.displacement[-1] == 0.0
+
+
+def test_the_last_element_that_never_slips_gives_the_full_stroke(device):
+    actuator = device.actuator.replace(
+        maxwell_break_voltage=(*device.actuator.maxwell_break_voltage[:-1], math.inf))
+    answer = rise(device.replace(actuator=actuator), 150.0)
+    assert answer.displacement[-1] == pytest.approx(22.5e-6, abs=0.05e-6)
+    assert not answer.charge_out_of_range
+
+
+def noisy_walk(rows, seed):
+    random = np.random.default_rng(seed)
+    command = np.clip(45.0 + np.cumsum(random.normal(0.0, 3.0, rows)), 0.0, 90.0)
+    return command, random.normal(0.0, 20.0, rows)
+
+
+@pytest.mark.parametrize('drive', ['voltage', 'charge'])
+def test_results_do_not_depend_on_how_commands_are_cut_into_calls(device, drive):
+    command, force = noisy_walk(600, 1)
+    command = command if drive == 'voltage' else command * 1e-6
+    whole = Plant(device, 1e-4, drive).run(command, force)
+    plant, cut = Plant(device, 1e-4, drive), []
+    for start, end in ((0, 1), (1, 40), (40, 41), (41, 333), (333, 600)):
+        cut.append(plant.run(command[start:end], force[start:end]).displacement)
+    assert np.array_equal(whole.displacement, np.concatenate(cut))
+    one_by_one = Plant(device, 1e-4, drive)
+    samples = [one_by_one.advance(u, f) for u, f in zip(command, force)]
+    assert np.array_equal(whole.charge, [sample.charge for sample in samples])
+
+
+def test_offline_and_streaming_are_the_same_to_the_bit(device):
+    command, force = noisy_walk(500, 2)
+    offline_ = simulate(device, np.arange(501) * 1e-3, np.append(command, 0.0),
+                        np.append(force, 0.0))
+    streamed = Plant(device, 1e-3, 'voltage').run(command, force)
+    assert np.array_equal(offline_.displacement[1:], streamed.displacement)
+
+
+def test_rows_of_unequal_length_give_what_equal_rows_give(device):
+    command, force = noisy_walk(300, 3)
+    time = np.arange(300) * 1e-4
+    even = simulate(device, time, command, force)
+    # Split random rows in two by repeating their command: nothing may change.
+    random = np.random.default_rng(4)
+    extra = np.sort(random.choice(299, 60, replace=False))
+    between = time[extra] + 1e-4 * random.uniform(0.2, 0.8, 60)
+    order = np.argsort(np.concatenate([time, between]), kind='stable')
+    split = simulate(device, np.concatenate([time, between])[order],
+                     np.concatenate([command, command[extra]])[order],
+                     np.concatenate([force, force[extra]])[order])
+    kept = np.flatnonzero(order < 300)
+    assert np.abs(split.displacement[kept] - even.displacement).max() < 1e-10
+
+
+def test_the_two_kernels_agree(device, monkeypatch):
+    command, force = noisy_walk(400, 5)
+    fast = Plant(device, 1e-4, 'voltage').run(command, force)
+    import dataclasses
+    assemble = stack.assemble
+    monkeypatch.setattr(
+        stack, 'assemble', lambda model: dataclasses.replace(assemble(model), is_ideal=False))
+    general = Plant(device, 1e-4, 'voltage').run(command, force)
+    assert np.abs(fast.displacement - general.displacement).max() < 1e-12
+    assert np.abs(fast.charge - general.charge).max() < 1e-11
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_over_a_closed_cycle_the_device_takes_energy_in(device, seed):
+    random = np.random.default_rng(seed)
+    rows = 4000
+    phase = np.arange(3 * rows) / rows
+    shape = sum(random.normal() * np.sin(2.0 * np.pi * (h * phase + random.uniform()))
+                for h in range(1, 5))
+    command = 40.0 + 8.0 * (shape - shape[0])
+    squeeze = sum(random.normal() * np.sin(2.0 * np.pi * (h * phase + random.uniform()))
+                  for h in range(1, 4))
+    force = 20.0 * (squeeze - squeeze[0])
+    answer = simulate(device, np.arange(3 * rows) * 1e-5, command, force)
+    q, x = answer.charge, answer.displacement
+    # A held source does its work at its own voltage and force.
+    taken = np.cumsum(command[:-1] * np.diff(q) + force[:-1] * np.diff(x))
+    assert taken[2 * rows] - taken[rows] > 0.0
+
+
+def test_a_saved_state_continues_as_if_nothing_had_happened(device):
+    command, force = noisy_walk(400, 7)
+    plant = Plant(device, 1e-4, 'voltage')
+    plant.run(command[:200], force[:200])
+    saved = plant.state.to_dict()
+    expected = plant.run(command[200:], force[200:])
+    other = Plant(device, 1e-4, 'voltage')
+    other.restore(PlantState.from_dict(saved))
+    assert np.array_equal(other.run(command[200:], force[200:]).displacement,
+                          expected.displacement)
+
+
+def test_a_state_that_no_history_leads_to_is_refused(device):
+    plant = Plant(device, 1e-4, 'voltage')
+    saved = plant.state.to_dict()
+    saved['blocks'][0] = 1e-3
+    with pytest.raises(InputError, match='blocks further apart'):
+        plant.restore(PlantState.from_dict(saved))
+
+
+@pytest.mark.parametrize('first, second', [('voltage', 'charge'), ('charge', 'voltage'),
+                                           ('voltage', 'open'), ('charge', 'open')])
+def test_switching_the_drive_does_not_move_the_device(device, first, second):
+    plant = Plant(device, 1e-3, first)
+    plant.run(np.linspace(0.0, 50.0 if first == 'voltage' else 60e-6, 200))
+    plant.run(np.full(50, 50.0 if first == 'voltage' else 60e-6))
+    before = plant.sample()
+    plant.set_drive(second)
+    after = plant.sample()
+    assert after.displacement == pytest.approx(before.displacement, abs=1e-13)
+    assert after.charge == pytest.approx(before.charge, abs=1e-13)
+    assert after.voltage == pytest.approx(before.voltage, abs=1e-6)
+    hold = {'voltage': after.voltage, 'charge': after.charge}.get(second, 0.0)
+    later = plant.run(np.full(20, hold))
+    assert np.abs(later.displacement - before.displacement).max() < 1e-10
+
+
+def test_many_recordings_at_once_are_what_they_are_one_by_one(device):
+    jobs = []
+    for seed in range(6):
+        command, force = noisy_walk(200, seed)
+        jobs.append((device, Recording(f'r{seed}', np.arange(200) * 1e-3, 'voltage', command,
+                                       force)))
+    together = simulate_many(jobs)
+    for (_, recording), answer in zip(jobs, together):
+        alone = simulate(device, recording.time, recording.command, recording.external_force)
+        assert np.array_equal(answer.displacement, alone.displacement)
+
+
+@pytest.mark.parametrize('time, command, message', [
+    ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], 'row 3.*does not come after'),
+    ([0.0, 1.0], [0.0, math.nan], 'command, row 2'),
+    ([0.0, 1.0], [0.0], 'command has shape'),
+    ([], [], 'at least a row')])
+def test_wrong_rows_are_named(device, time, command, message):
+    with pytest.raises(InputError, match=message):
+        simulate(device, time, command)
+
+
+def test_a_command_that_is_not_finite_leaves_the_device_as_it_was(device):
+    plant = Plant(device, 1e-3, 'voltage')
+    plant.run(np.linspace(0.0, 30.0, 50))
+    before = plant.state
+    with pytest.raises(InputError, match='nothing was advanced'):
+        plant.advance(math.inf)
+    assert plant.state == before
+
+
+def test_extremes_stay_finite(device):
+    plant = Plant(device, 1e-3, 'voltage')
+    for voltage, force in ((1e4, 0.0), (-1e4, 5e4), (0.0, -1e5), (150.0, 0.0)):
+        answer = plant.run(np.full(20, voltage), np.full(20, force))
+        assert np.isfinite(answer.displacement).all() and np.isfinite(answer.charge).all()
+
+
+def test_the_tick_grid_of_irregular_rows_does_not_drift(device):
+    random = np.random.default_rng(9)
+    time = np.cumsum(random.uniform(0.5e-3, 1.5e-3, 2000))
+    assert np.unique(np.round(np.diff(time), 12)).size > offline.MAX_CLASSES
+    command = 30.0 * (1.0 - np.cos(2.0 * np.pi * time))
+    answer = simulate(device, time, command)
+    slow = simulate(device, np.arange(2000) * 1e-3, 30.0 * (
+        1.0 - np.cos(2.0 * np.pi * np.arange(2000) * 1e-3)))
+    assert answer.displacement.max() == pytest.approx(slow.displacement.max(), abs=20e-9)
