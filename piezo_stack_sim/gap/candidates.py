@@ -18,7 +18,8 @@ from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.starts import Extent, starts_of
 
 WHOLE_FITS = 2  # places of an effect from which a whole fit is made
-PROMISING = 0.05  # part of the best promise that earns an effect a whole fit
+PROMISING = 0.1  # part of the best promise that earns an effect a whole fit
+WORTH = 15.0  # fall of the cost below which nothing can come of it
 SHORT = 1  # Gauss-Newton steps for the others
 PARTNERS = 5  # second effects that get a whole fit
 PAIR_STEPS = 4
@@ -62,7 +63,7 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     for name, probes in search.probes.items():
         probes.sort(key=lambda p: -p.gain)
         promising = [p for p in probes[:WHOLE_FITS]
-                     if p.gain >= max(PROMISING * best, 0.3 * probes[0].gain)]
+                     if p.gain >= max(PROMISING * best, 0.8 * probes[0].gain, WORTH)]
         wholes += [(name, p.place, STEPS) for p in promising]
         if not promising:
             wholes.append((name, probes[0].place, SHORT))

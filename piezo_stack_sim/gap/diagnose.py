@@ -206,7 +206,7 @@ def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:
 
 def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
     """What simpler ways of deciding would have answered, for the benchmark."""
-    n = fitter.rows.sum()
+    n = fitter.rows.size
     names = [r.name for r in singles]
     lowest = min(names, key=lambda name: search.fits[name].cost)
     bic = min(names, key=lambda name: search.fits[name].cost

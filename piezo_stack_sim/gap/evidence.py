@@ -16,6 +16,7 @@ from piezo_stack_sim.recording.recording import Recording
 
 CHANNELS = ('voltage', 'charge', 'displacement')
 ROWS = 7500  # a recording is averaged down to at most about this many rows
+RESTING_ROWS = 3000  # one whose command mostly rests, to this many
 STRETCHES = 20  # alternating stretches that are fitted and withheld
 
 
@@ -93,6 +94,14 @@ def informative(recording: Recording) -> tuple[str, ...]:
     return tuple(c for c in CHANNELS if c in recording.measured)
 
 
+def _averaging(recording: Recording) -> int:
+    """Return over how many rows to average: a command that mostly rests bears more."""
+    factor = max(1, int(round(len(recording) / ROWS)))
+    moving = np.mean((np.diff(recording.command) != 0.0)
+                     | (np.diff(recording.external_force) != 0.0)) if len(recording) > 1 else 1.0
+    return factor if moving > 0.2 else max(factor, int(round(len(recording) / RESTING_ROWS)))
+
+
 def prepare(recordings, simulated) -> Evidence:
     """
     Prepare recordings against a first simulation of them.
@@ -112,7 +121,7 @@ def prepare(recordings, simulated) -> Evidence:
     noise = estimate_noise(recordings, simulated)
     tracks = []
     for recording in recordings:
-        factor = max(1, int(round(len(recording) / ROWS)))
+        factor = _averaging(recording)
         measured, sigma = {}, {}
         for channel in informative(recording):
             measured[channel] = average(recording.measured[channel], factor)

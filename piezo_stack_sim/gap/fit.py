@@ -22,7 +22,7 @@ from piezo_stack_sim.gap.forward import fitted_rows, residuals
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.plant import Device
 
-STEPS = 5
+STEPS = 4
 ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
 
 
@@ -99,7 +99,7 @@ class Fitter:
         self.device = device
         self.evidence = evidence
         self.nuisance = Nuisance(device)
-        self.rows = fitted_rows(evidence)
+        self.rows = np.flatnonzero(fitted_rows(evidence))
         self.base = residuals(device, evidence)
 
     def device_with(self, effects: dict, phi: np.ndarray) -> Device:
@@ -118,8 +118,8 @@ class Fitter:
             return (residuals(self.device_with({}, phi), self.evidence) - self.base) / step
 
         self.jacobian = np.column_stack(parallel(column, range(zero.size)))
-        seen = self.jacobian[self.rows]
-        self.nominal_square = seen.T @ seen
+        self.seen_jacobian = self.jacobian[self.rows]
+        self.nominal_square = self.seen_jacobian.T @ self.seen_jacobian
 
     def residual_of(self, effects: dict, phi: np.ndarray) -> np.ndarray:
         """Return the weighted residual (N,) of the re-tuned device with effects on."""
@@ -198,11 +198,11 @@ class Fitter:
                 jacobian[:, j] = (self._residual(effects, free, moved, phi) - residual) / step
             used += n
             seen = jacobian[self.rows]
-            cross = seen.T @ self.jacobian[self.rows]
+            cross = seen.T @ self.seen_jacobian
+            now = residual[self.rows]
             square = np.block([[seen.T @ seen, cross], [cross.T, self.nominal_square]])
             slope = np.concatenate([
-                seen.T @ residual[self.rows],
-                self.jacobian[self.rows].T @ residual[self.rows]])
+                seen.T @ now, self.seen_jacobian.T @ now])
             slope += precision * np.concatenate([walk, phi])
             fallen = False
             for _ in range(3):

@@ -16,7 +16,7 @@ import numpy as np
 from piezo_stack_sim.effects.base import Effect, Parameter
 from piezo_stack_sim.gap.evidence import Evidence
 
-MOST = 9  # places an effect is tried from
+MOST = 6  # places an effect is tried from
 
 
 @dataclass(frozen=True)
