@@ -151,6 +151,13 @@ class Plant:
         self._part_reads = np.array([end == h - reading_phase for end in ends])
         durations = [end - start for start, end in zip(starts, ends)]
         self._tables = Tables(self._system, durations)
+        # Nothing but the kernel stands between a command and its sample: `_step` will do.
+        self._is_plain = not (self._parts > 1 or self._command_lag or self._reading_lag
+                              or model.command_maps or model.reading_maps
+                              or (self.noisy and self._sensors_disturb))
+        self._first = np.zeros(1, dtype=np.int64)
+        self._source, self._force, self._reading = np.empty(1), np.empty(1), np.empty(1)
+        self._outputs = np.empty((1, kernel.N_OUTPUTS))
 
     def reset(self) -> None:
         """Return to the start: relaxed (or as ``initial_polarisation`` says), time zero."""
@@ -339,6 +346,11 @@ class Plant:
             What the sensors show at the end of the period.
 
         """
+        if self._is_plain:
+            if self.drive == 'voltage':
+                return self._step(command, external_force)
+            if self.drive == 'charge':
+                return self._step(command + self._zero[1], external_force)
         measured = self._run(np.array([command], dtype=float),
                              np.array([external_force], dtype=float))
         return Sample(*(float(column[0]) for column in measured))
@@ -353,6 +365,8 @@ class Plant:
             What the sensors show at the end of the period.
 
         """
+        if self._is_plain:
+            return self._step(self._commands[0], external_force)
         measured = self._run(np.zeros(1), np.array([external_force], dtype=float),
                              self._commands[-1:])
         return Sample(*(float(column[0]) for column in measured))
@@ -468,6 +482,23 @@ class Plant:
         self.time = self._ticks * self.period
         self._note_range()
         return self._measure(time, out, read, self.noisy)
+
+    def _step(self, source: float, force: float) -> Sample:
+        """Do what `_run` does, for one period of a plain device: a third of its time."""
+        if not (math.isfinite(source) and math.isfinite(force)):
+            raise InputError('a command or force is not a finite number; nothing was advanced')
+        self._source[0], self._force[0] = source, force
+        first, out = self._first, self._outputs
+        self._tables.run(first, self._tables.ticks, self._source, self._force, first, first,
+                         (self._s, self._p, self._flags, self._inputs, self._memory), out,
+                         self._reading)
+        self._commands[0] = source
+        self._ticks += 1
+        self.time = self._ticks * self.period
+        self._note_range()
+        _, velocity, charge, voltage, transduced = out[0].tolist()
+        return Sample(float(self._reading[0] - self._zero[0]), velocity,
+                      float(charge - self._zero[1]), voltage, transduced)
 
     def _note_range(self) -> None:
         if self._p[-1] != 0.0 or self._flags[kernel.F_SLIP] == self._p.size:
