@@ -103,11 +103,11 @@ def _print_node(node):
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    console = Console(width=None if sys.stdout.isatty() else 130, highlight=False)
     rows = Table(title='Node, ticks by wall time', title_justify='left')
-    for column in ('', 'rate', 'of a core', 'ticks', 'missed', 'late: median', '99 %', '99.9 %',
-                   'most', 'within 0.5 ms'):
-        rows.add_column(column, justify='left' if not column else 'right')
+    for column in ('', 'rate', 'of a core', 'ticks', 'missed', 'late: median', '99 %', '99.9 %', 'most',
+                   'within 0.5 ms'):
+        rows.add_column(column, justify='left' if not column else 'right', no_wrap=True)
     previous = None
     for row in node['timings']:
         if previous not in (None, row['rate']):
