@@ -161,3 +161,31 @@ def test_the_waker_pushes_a_loop_that_oversleeps():
 def test_real_time_rights_are_granted_or_refused_in_one_line():
     for trouble in (realtime.lock_memory(),):
         assert trouble is None or '\n' not in trouble
+
+
+def test_a_state_that_leaves_the_finite_numbers_is_taken_back():
+    import rclpy
+    import ros_process  # noqa: F401  keeps the node to this host
+    from piezo_stack_sim.errors import InputError
+    from piezo_stack_sim.node.actuator_node import ActuatorNode
+
+    rclpy.init(args=['--ros-args', '-p', 'stepping:=lockstep'])
+    node = ActuatorNode(SimulationClock())
+    try:
+        node.intake.take_command('voltage', 50.0)
+        for _ in range(10):
+            node._step()
+        node.keep_house()
+        good = node.last_sample
+
+        def fail(*_):
+            raise InputError('the device left the finite numbers')
+
+        node.plant.advance = fail
+        node._step()
+        assert node.last_sample == good
+        assert node.intake.command is None
+        assert node._findings().values['recovered_states'] == 1
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -39,7 +39,12 @@ class ActuatorNode(Node):
     The virtual device.
 
     In ``wall`` stepping the main loop calls `tick` at each deadline of
-    `schedule`; in ``lockstep`` the callbacks of commands and ``~/step`` do.
+    `schedule`. A command is taken over at the tick after it, as by the input
+    register of a converter, and acts from there; the sample of each tick is
+    taken just before. In ``lockstep`` time stands still until a command, or a
+    call of ``~/step``, advances it by one period; the force then acts together
+    with the command that follows it. With leads open or shorted no command
+    acts, and each force advances the time instead.
 
     Parameters
     ----------
@@ -269,7 +274,9 @@ class ActuatorNode(Node):
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            self._parameter_table.changed(parameters)
+            device = self._parameter_table.changed(parameters)
+            if device.effects != self._parameter_table.device.effects:
+                Plant(device)  # effects that do not go together are found when put together
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -287,6 +294,7 @@ class ActuatorNode(Node):
             self.watchdog.clear()
             self._active = (None, self.intake.force)
             self.get_logger().info(f'drive: {old.drive} -> {new.drive}')
+        self._last_good = self.plant.state
 
     # -- once a second -----------------------------------------------------------------
 
