@@ -105,8 +105,8 @@ def _print_node(node):
 
     console = Console(width=None if sys.stdout.isatty() else 130, highlight=False)
     rows = Table(title='Node, ticks by wall time', title_justify='left')
-    for column in ('', 'rate', 'of a core', 'ticks', 'missed', 'late: median', '99 %', '99.9 %', 'most',
-                   'within 0.5 ms'):
+    for column in ('', 'rate', 'of a core', 'ticks', 'missed', 'late: median', '99 %', '99.9 %',
+                   'most', 'within 0.5 ms'):
         rows.add_column(column, justify='left' if not column else 'right', no_wrap=True)
     previous = None
     for row in node['timings']:
