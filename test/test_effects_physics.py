@@ -147,7 +147,7 @@ def test_open_leads_lose_their_charge_through_the_insulation():
     plant.set_drive('open')
     time = np.arange(1, 3001) * 1e-2
     response = plant.run(np.zeros(3000))
-    # About v/R of current from about 1 uF: after 14 s a third is left (EFFECTS.md E3).
+    # About v/R of current from about 1 uF: after 14 s a third is left.
     third = time[np.argmax(response.voltage < 90.0 / math.e)]
     assert 8.0 < third < 16.0
     assert response.displacement[-1] < 0.5 * response.displacement[0]

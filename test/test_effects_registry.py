@@ -66,7 +66,7 @@ def test_an_effect_is_one_small_file_with_equations_and_source(name):
     text = Path(module.__file__).read_text(encoding='utf-8')
     assert len(text.splitlines()) <= 80
     assert effect.id == name and re.fullmatch('[a-z_]+', name)
-    assert 'EFFECTS.md' in module.__doc__ or 'Eq' in module.__doc__
+    assert 'Source: ' in module.__doc__ and 'Look-alikes: ' in module.__doc__
     assert effect.summary.endswith('.') and '\n' not in effect.summary
     assert effect.channels and set(effect.channels) <= set(CHANNELS)
 

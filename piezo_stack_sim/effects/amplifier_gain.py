@@ -1,8 +1,14 @@
 """
-Static gain and offset of the driver: v = (1 + gain_error) u + offset.
+Static gain and offset of the driver.
 
-Everything behind the driver scales, voltage included (EFFECTS.md 2A D3: gain
-0.1 to 1 %, offset 10 to 100 mV).  A charge driver has the gain error only.
+    v = (1 + gain_error) u + offset
+
+Everything behind the driver scales, voltage included.  A charge driver has the
+gain error only.
+
+Look-alikes: ``sensor_gain`` and ``transducer_ratio`` (voltage and charge, or the
+voltage, stay): measure the voltage.
+Source: engineering estimate, gain 0.1 to 1 % and offset 10 to 100 mV.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

@@ -1,8 +1,12 @@
 """
-The rails of the driver: v = clip(u, lower, upper).
+The rails of the driver.
 
-Flat tops at the same voltage whatever came before (EFFECTS.md 2A D4; a PI
-E-500 gives -20 to 120 V, a Thorlabs MDT693 set for small stacks 0 to 75 V).
+    v = clip(u, lower, upper)
+
+Flat tops at the same voltage, whatever came before.
+
+Look-alikes: ``contact`` (the voltage goes on), ``asymmetric_hysteresis``.
+Source: data sheets; PI E-500 -20 to 120 V, Thorlabs MDT693 0 to 75, 100 or 150 V.
 """
 
 import math

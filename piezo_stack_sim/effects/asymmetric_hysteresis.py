@@ -1,14 +1,18 @@
 """
 A saturating, asymmetric ceramic: the loop is bowed.
 
-The reversible last element of the Maxwell capacitor becomes a polynomial
-(Oezer and Royston 2001; EFFECTS.md 2A E5 (a)).  With s = q/q_full, and V_full,
-q_full the end of the first rise:
+The reversible last element of the Maxwell capacitor becomes a polynomial.  With
+s = q/q_full, and V_full, q_full the end of the first rise:
 
     v_bow = -V_full (4 quadratic s (1 - s) + 2.598 cubic s (1 - s^2))
 
 Both terms vanish at s = 0 and 1 and reach 1 between: the numbers are departures
 from the straight line, as fractions of the full voltage.
+
+Look-alikes: ``sensor_nonlinearity`` (error over position, charge clean),
+``stiffness_hardening`` (changes q-x and the resonance).
+Source: Oezer and Royston 2001, last element K q + a2 q^2 + a3 q^3; bows of 2 to
+10 % of a unipolar stroke are an engineering estimate.
 """
 
 import math

@@ -45,7 +45,9 @@ class Effect:
 
     ``apply(model, **values)`` adds the effect to a
     :class:`piezo_stack_sim.plant.assembly.Model`, with every parameter by name.
-    ``channels`` are the measured channels it moves under voltage drive.
+    ``channels`` are the measured channels it moves under voltage drive,
+    ``shown_in`` the test of :mod:`piezo_stack_sim.signature.experiment` for its
+    picture, if not the one in which it shows most.
     """
 
     id: str  # noqa: A003
@@ -54,6 +56,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     apply: Callable
     channels: tuple[str, ...] = ('displacement',)
+    shown_in: str = ''
 
     def values(self, given: dict[str, float]) -> dict[str, float]:
         """Return every parameter: the given ones, defaults for the rest."""

@@ -1,8 +1,14 @@
 """
-Dead time between the command and the driver: v(t) = u(t - delay).
+Dead time between the command and the driver.
 
-Converters, buffers and transport take one to two sample periods (EFFECTS.md
-2A D7).  The gain stays, the phase grows in proportion with the frequency.
+    v(t) = u(t - delay)
+
+Converters, buffers and buses take one to two sample periods.  The gain stays,
+the phase grows in proportion with the frequency.
+
+Look-alikes: ``amplifier_bandwidth`` (its gain falls), ``sensor_delay`` (there
+only the displacement is late, here voltage and charge too).
+Source: 1.5 sample periods of a sampled loop, Franklin, Powell and Workman 1998.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

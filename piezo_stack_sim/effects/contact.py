@@ -1,8 +1,13 @@
 """
-A one-sided stop: F = -stiffness (x - gap) beyond the gap, nothing before it.
+A one-sided stop.
 
-EFFECTS.md 2D M5, 2E L1.  The stroke above the gap is cut, and the stack rings
-differently there; what it still delivers goes into force and charge.
+    F = -stiffness (x - gap)  beyond the gap, nothing before it
+
+The stroke above the gap is cut, and the stack rings differently there; what it
+still delivers goes into force and charge.
+
+Look-alikes: ``amplifier_saturation`` (there the voltage is flat).
+Source: penalty contact; its stiffness, 10 to 100 N/um, is an engineering estimate.
 """
 
 import math

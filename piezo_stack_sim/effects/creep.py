@@ -2,14 +2,17 @@
 Slow polarisation of the ceramic: charge and displacement creep together.
 
 Maxwell dashpot branches in series with the Maxwell capacitor's voltage, one per
-decade of time (EFFECTS.md 2A E1 (c), after Croft and Devasia 2001 and Kuhnen
-2003), with g_i the part of the charge that branch i has forgotten:
+decade of time, with g_i the part of the charge that branch i has forgotten:
 
     v_creep = sum_i K_c (q - g_i) - K_c N_ref q,     dg_i/dt = (q - g_i) / tau_i
 
 N_ref = sum_i exp(-reference_time/tau_i) counts the slower branches: so long
 after a step the stack is where the nominal curve says.  One decade adds
 gamma = K_c / (dv/dq), with dv/dq the elastance of the stack at large signals.
+
+Look-alikes: ``thermal_drift``, ``sensor_drift`` (no charge), ``mount_creep``
+(less charge), ``leakage`` (charge alone).
+Source: Croft, Shed and Devasia 2001, Kuhnen 2003; 1 to 2 % a decade: PI.
 """
 
 import math
@@ -41,4 +44,4 @@ EFFECT = Effect(
                   'time after which the nominal curve holds', scale='log', magnitude=False,
                   default=0.1, runtime=False),
     ),
-    apply, channels=('charge', 'displacement'))
+    apply, channels=('charge', 'displacement'), shown_in='hold')

@@ -3,8 +3,11 @@ Dry friction of a guide: an elasto-slip element on the displacement.
 
     F = -clip(F_prev + sigma dx, +-coulomb_force),     sigma = coulomb_force/presliding
 
-The same operator as Eqs. 3 and 4, in displacement (Dahl; EFFECTS.md 2D M7:
-cross-roller guides 1 to 20 N).  Position lags the charge at every reversal.
+The same operator as Eqs. 3 and 4, in displacement.  Position lags the charge at
+every reversal, whatever the speed.
+
+Look-alikes: the stack's own hysteresis (opens v-q, friction opens q-x).
+Source: Dahl 1968; cross-roller guides 1 to 20 N, flexures next to none.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

@@ -1,10 +1,15 @@
 """
-Charge that passes through the insulation: dq_leak/dt = v / R.
+Charge that passes through the insulation.
+
+    dq_leak/dt = v / resistance
 
 The driver delivers it, so a charge meter on the leads counts it, though the
-stack does not hold it.  With charge given or the leads open the stack loses it
-(time constant R C), EFFECTS.md 2A E3: catalogue insulation 10 to 50 megohm at
-least, dry ceramic a gigohm.
+stack does not hold it.  With charge given or the leads open the stack loses it,
+with a time constant of resistance times capacitance.
+
+Look-alikes: ``creep`` (displacement creeps too); the drift of a charge amplifier
+(does not follow the voltage).
+Source: TOKIN catalogue, at least 10 to 50 megohm; dry ceramic reaches a gigohm.
 """
 
 import math

@@ -3,10 +3,12 @@ A mode of the structure between the stack and the point that is read.
 
     y'' = omega^2 (x - y) - 2 damping_ratio omega y',    x_read = x + participation (y - x)
 
-The general second-order correction of a reading: unchanged for slow motion,
-with a peak of participation/(2 damping_ratio) at ``frequency`` (EFFECTS.md 2D M1,
-M8, M13: stages 0.2 to 5 kHz, Q of 10 to 50).  The part that swings is light
+The general second-order correction of a reading: unchanged for slow motion, with
+a peak of participation/(2 damping_ratio) at ``frequency``.  What swings is light
 against the stack: charge and voltage stay.
+
+Look-alikes: ``added_mass`` (moves the stack's own frequency, and the charge).
+Source: modal superposition; stages 0.2 to 5 kHz with Q of 10 to 50, estimate.
 """
 
 import math

@@ -1,15 +1,18 @@
 """
 A viscoelastic mount: glue and polymer beside the stack yield with time.
 
-Maxwell branches parallel to k, one per decade, driven by the displacement
-(EFFECTS.md 2D M10), with y_i the part that branch i has forgotten:
+Maxwell branches parallel to k, one per decade, driven by the displacement, with
+y_i the part that branch i has forgotten:
 
     F = -sum_i k_c (x - y_i) + k_c N_ref x,     dy_i/dt = (x - y_i) / tau_i
 
 N_ref = sum_i exp(-0.1 s/tau_i) counts the slower branches: 0.1 s after a step the
 nominal curve holds.  One decade adds gamma = k_c / k_s of the stroke, k_s the
 stiffness with leads shorted at large signals.  The charge does not cause it and
-follows only as the motion draws it (Eq. 11): x/q changes, unlike with ``creep``.
+follows only as the motion draws it (Eq. 11).
+
+Look-alikes: ``creep`` (x/q stays, here it changes), ``thermal_drift`` (no charge).
+Source: generalised Maxwell solid; 0.1 to 1 % for epoxy joints, estimate.
 """
 
 import math
@@ -37,4 +40,4 @@ EFFECT = Effect(
         Parameter('gain_per_decade', '1', 0.0, -0.005, 0.08, 0.01,
                   'part of the stroke that each decade of time adds'),
     ),
-    apply, channels=('charge', 'displacement'))
+    apply, channels=('charge', 'displacement'), shown_in='hold')

@@ -1,7 +1,13 @@
 """
-A preload spring or flexure that the stack must stretch: k + stiffness (Eq. 15).
+A preload spring or flexure that the stack must stretch.
 
-Stroke falls to k_s/(k_s + stiffness) (EFFECTS.md 2D M4: -9 % for 5 N/um).
+    k -> k + stiffness,  Eq. 15
+
+The stroke falls to k_s/(k_s + stiffness), the natural frequency rises.
+
+Look-alikes: ``sensor_gain``, ``transducer_ratio``: only a spring stiffens the
+device against forces.
+Source: PI, at most a tenth of the stack's stiffness; 5 N/um take 9 to 12 % here.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

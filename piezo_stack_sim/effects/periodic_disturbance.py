@@ -4,8 +4,10 @@ Mains hum, floor vibration, a pump: one line at a fixed frequency.
     x_read = x + displacement sin(2 pi frequency t + phase)
     F      = F_ext + force sin(2 pi frequency t + phase),     t since the start
 
-EFFECTS.md 2G V1, V2: 1 to 50 nm on a position sensor.  Not caused by the command,
-so that it shows at rest as well.
+Not caused by the command, so that it shows at rest as well.
+
+Look-alikes: ``mechanical_resonance`` (rings only when driven).
+Source: 1 to 50 nm of hum on a position sensor, engineering estimate.
 """
 
 import math

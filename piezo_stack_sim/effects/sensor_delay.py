@@ -1,8 +1,14 @@
 """
-Dead time of the position sensor: x_m(t) = x(t - delay).
+Dead time of the position sensor.
 
-Filters of converters and bus cycles (EFFECTS.md 2F S2: 20 to 40 samples of a
-delta-sigma converter).  Position is late against voltage and charge, not smaller.
+    x_m(t) = x(t - delay)
+
+Filters of converters and bus cycles.  Position is late against voltage and
+charge, not smaller.
+
+Look-alikes: ``sensor_lag`` (its gain falls), ``command_delay`` (voltage and
+charge are late too).
+Source: 20 to 40 samples of a delta-sigma converter, data sheets.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

@@ -1,8 +1,12 @@
 """
-A position sensor whose zero wanders: x_m = x + rate t, t since the start.
+A position sensor whose zero wanders.
 
-EFFECTS.md 2F S4: strain gauges 50 to 500 nm/h, and capacitive sensors 5 to 50
-nm/K; seen with the stack at rest or disconnected too.
+    x_m = x + rate t,     t since the start
+
+Seen with the stack at rest or disconnected too.
+
+Look-alikes: ``thermal_drift`` (comes to an end), ``creep`` (charge too).
+Source: strain gauges 50 to 500 nm/h, engineering estimate.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

@@ -1,8 +1,12 @@
 """
-A position sensor with a wrong scale: x_m = (1 + gain_error) x.
+A position sensor with a wrong scale.
 
-EFFECTS.md 2F S3: capacitive 0.05 %, strain gauge 0.1 to 0.5 %, laser 0.1 to 1 %,
-a wrong calibration any number.
+    x_m = (1 + gain_error) x
+
+Look-alikes: ``transducer_ratio`` and ``parallel_stiffness`` move the charge too,
+``amplifier_gain`` the voltage.
+Source: PI and piezosystem jena: capacitive 0.05 to 0.1 %, strain gauge 0.1 to
+0.5 %; laser 0.1 to 1 %; a wrong calibration any number.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

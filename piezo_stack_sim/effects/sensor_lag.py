@@ -1,8 +1,13 @@
 """
-The bandwidth of the position sensor: time_constant dx_m/dt = x - x_m.
+The bandwidth of the position sensor.
 
-EFFECTS.md 2F S1: capacitive sensors up to 1 kHz, strain gauges 5 kHz.  The q-x
-loop opens in proportion with the frequency while u, v and q agree.
+    time_constant dx_m/dt = x - x_m
+
+The q-x loop opens in proportion with the frequency while u, v and q agree.
+
+Look-alikes: ``sensor_delay`` (its gain stays), ``amplifier_bandwidth`` (opens
+u-v).
+Source: piezosystem jena, capacitive up to 1 kHz, strain gauge 5 kHz.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

@@ -1,10 +1,14 @@
 """
-A position sensor that is not linear; its error is a function of position alone.
+A position sensor whose error is a function of position alone.
 
     x_m = x + x_full (4 quadratic s (1 - s) + 2.598 cubic s (1 - s^2)),     s = x/x_full
 
 Both terms vanish at both ends of the stroke and reach 1 between, as a catalogue
-states linearity (EFFECTS.md 2F S3: 0.05 to 1 %).
+states linearity.
+
+Look-alikes: ``transducer_nonlinearity`` (a function of charge),
+``asymmetric_hysteresis`` (bows the charge too).
+Source: piezosystem jena and PI, 0.05 to 1 % of the range.
 """
 
 import math

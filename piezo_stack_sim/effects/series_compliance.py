@@ -4,8 +4,10 @@ Glue, base and joints between the stack and where force and load act.
     x_read = x + compliance F_joint
 
 The free stroke stays, the stiffness against external forces falls,
-1/k' = 1/k + compliance (EFFECTS.md 2D M3: joints of 100 to 500 N/um).  A load
-mass then swings on the joint by itself.
+1/k' = 1/k + compliance.  A load mass then swings on the joint by itself.
+
+Look-alikes: a softer stack (the free response changes too).
+Source: joints of 100 to 500 N/um, engineering estimate.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

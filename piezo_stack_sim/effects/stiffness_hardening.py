@@ -4,8 +4,10 @@ A guide or flexure whose stiffness changes along the stroke.
     F = -k_s x_full (quadratic s^2 / 2 + cubic s^3 / 3),     s = x/x_full
 
 so that the stiffness changes by (quadratic + cubic) k_s at the full stroke;
-k_s is the stiffness of the stack with leads shorted at large signals
-(EFFECTS.md 2D M6: 0.01 to 0.2 for flexures).
+k_s is the stiffness of the stack with leads shorted at large signals.
+
+Look-alikes: ``asymmetric_hysteresis`` (the q-x line stays straight).
+Source: flexures 0.01 to 0.2, engineering estimate.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter

@@ -1,11 +1,14 @@
 """
 Displacement is not quite proportional to charge (electrostriction).
 
-    x = a q + curvature * 4 s (1 - s) x_full,     s = q/q_full
+    x_read = x + curvature * 4 s (1 - s) x_full,     s = q/q_full
 
 The term vanishes at s = 0 and 1: ``curvature`` is the departure from the
-straight line at half the charge, as a fraction of the full stroke (EFFECTS.md
-2C T1: 1 to 5 %).  What a charge drive leaves of the loop.
+straight line at half the charge, as a fraction of the full stroke.  It is what
+a charge drive leaves of the loop.
+
+Look-alikes: ``sensor_nonlinearity``: bowed over position, also under forces.
+Source: self-sensing studies, at most 4.65 % departure of x over q.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter
