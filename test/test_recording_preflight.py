@@ -3,6 +3,7 @@
 import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording import preflight
+from piezo_stack_sim.recording.grid import find_grid
 import pytest
 from recorded import answered, DEVICE, pushed, set_of, slow, triangle, with_channel
 
@@ -295,6 +296,13 @@ def test_late_arrivals_that_recover_are_not_lost_rows():
     passed, findings = checked(recording.replace(time=np.maximum.accumulate(times)))
     assert len(passed[0]) == 3000
     assert not any('lost' in each for each in findings)
+
+
+def test_times_in_two_kinds_of_steps_have_no_grid():
+    recording = slow(rows=22)
+    time = np.concatenate(([0.0], np.cumsum(np.repeat([1e-4, 1.0], [11, 10]))))
+    assert find_grid(time[:-1]) is None
+    assert find_grid(recording.time).kind == 'regular'
 
 
 def test_irregular_sampling_is_kept_as_it_is():

@@ -79,6 +79,8 @@ def _regular(time, step):
     if period <= 0.0 or time[-1] - time[0] > _LONGEST * period:
         return None
     single = np.abs(step - period) < 0.5 * period
+    if not single.any():
+        return None
     period = float(np.mean(step[single]))
     count = np.maximum(np.rint(step / period), 1.0)
     # After a long gap the sampler may have started anew, at any phase.

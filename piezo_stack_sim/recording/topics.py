@@ -4,6 +4,8 @@ from dataclasses import dataclass
 import re
 import struct
 
+import numpy as np
+
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.finding import Finding, NOTE, shown
 from piezo_stack_sim.recording.mapping import CHANNELS, suggestion, TopicField
@@ -91,13 +93,12 @@ class Source:
                         f'it has {", ".join(known) or "no fields"}'
                     )
                 here = getattr(here, step)
-        try:
-            return float(here)
-        except (TypeError, ValueError) as error:
+        if not isinstance(here, (int, float, np.number)):
             raise InputError(
                 f'--map {self.channel}={self.field}: {shown(here)} is not a number: say which, '
                 'as in position[0]'
-            ) from error
+            )
+        return float(here)
 
 
 def _candidates(channel, topics):
