@@ -1,5 +1,6 @@
 """A real node in its own process, and a client of it: what the node's tests share."""
 
+import atexit
 import os
 from pathlib import Path
 import signal
@@ -41,6 +42,7 @@ class NodeProcess:
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'piezo_stack_sim.node.main', *arguments], env=ENVIRONMENT,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        atexit.register(self.process.kill)  # whatever becomes of the test
         self.lines = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -147,29 +149,40 @@ class Client:
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.02)
 
-    def _answer(self, future, what):
-        self.until(future.done, what)
-        return future.result()
+    def _answer(self, request, what):
+        # An answer to a client that the server has not met yet may get lost: ask again.
+        futures, again = [], 0.0
+
+        def answered():
+            nonlocal again
+            if time.monotonic() > again:
+                futures.append(request())
+                again = time.monotonic() + 10.0
+            return any(future.done() for future in futures)
+
+        self.until(answered, what)
+        return next(future.result() for future in futures if future.done())
 
     def call(self, service, **fields):
         """Call reset, step or pause; return the response."""
         client = self._services[service]
         self.until(client.service_is_ready, f'service {service}')
         request = client.srv_type.Request(**fields)
-        return self._answer(client.call_async(request), f'the answer of {service}')
+        return self._answer(lambda: client.call_async(request), f'the answer of {service}')
 
     def set_parameters(self, **values):
         """Set parameters, `a__b` for `a.b`; return the results."""
         self.until(self._parameters.services_are_ready, 'parameter services')
         parameters = [rclpy.parameter.Parameter(name.replace('__', '.'), value=value)
                       for name, value in values.items()]
-        return self._answer(self._parameters.set_parameters(parameters), 'set').results
+        return self._answer(
+            lambda: self._parameters.set_parameters(parameters), 'set').results
 
     def describe(self, *names):
         """Return the descriptors of parameters."""
         self.until(self._parameters.services_are_ready, 'parameter services')
         return self._answer(
-            self._parameters.describe_parameters(list(names)), 'descriptors').descriptors
+            lambda: self._parameters.describe_parameters(list(names)), 'descriptors').descriptors
 
     def send(self, topic, *values):
         """Publish values, one after the other, without waiting."""

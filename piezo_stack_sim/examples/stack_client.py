@@ -15,11 +15,13 @@ import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 PATIENCE = 20.0  # s without an answer until the device counts as absent
+RETRY = 2.0  # s until a question is asked again
 FIRST_START = 180.0  # s that a device may take to start where it has to be compiled first
 _VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
            ParameterType.PARAMETER_STRING: 'string_value'}
@@ -83,26 +85,37 @@ class StackClient:
                 raise InputError(complaint)
             self._executor.spin_once(0.05)
 
-    def _ask(self, future, what: str):
-        self._wait(future.done, f'{self._device} does not answer: {what}')
-        return future.result()
+    def _ask(self, request: Callable[[], Future], what: str):
+        """Ask until there is an answer: one to a client just met may get lost on its way."""
+        futures: list[Future] = []
+        again = 0.0
+
+        def answered() -> bool:
+            nonlocal again
+            if time.monotonic() > again:
+                futures.append(request())
+                again = time.monotonic() + RETRY
+            return any(future.done() for future in futures)
+
+        self._wait(answered, f'{self._device} does not answer: {what}')
+        return next(future.result() for future in futures if future.done())
 
     def _parameter(self, name: str):
-        value = self._ask(self._parameters.get_parameters([name]), name).values[0]
+        value = self._ask(lambda: self._parameters.get_parameters([name]), name).values[0]
         if value.type not in _VALUES:
             raise InputError(f'{self._device} has no parameter {name}: is it a piezo_stack_node?')
         return getattr(value, _VALUES[value.type])
 
     def _set(self, name: str, value) -> None:
-        result = self._ask(
-            self._parameters.set_parameters([Parameter(name, value=value)]), name).results[0]
+        result = self._ask(lambda: self._parameters.set_parameters(
+            [Parameter(name, value=value)]), name).results[0]
         if not result.successful:
             raise InputError(f'{self._device}: {name} = {value} refused: {result.reason}')
 
     def _call(self, kind, service: str, **fields) -> None:
         client = self._node.create_client(kind, f'{self._device}/{service}')
         self._wait(client.service_is_ready, f'{self._device} has no service {service}')
-        self._ask(client.call_async(kind.Request(**fields)), service)
+        self._ask(lambda: client.call_async(kind.Request(**fields)), service)
         self._node.destroy_client(client)
 
     def _connect(self) -> None:
@@ -181,14 +194,13 @@ class StackClient:
             If the samples do not come.
 
         """
-        self._call(Trigger, 'reset')
-        first = self._stamp()
+        self.reset()
         last = len(commands) / self.rate
         began = time.monotonic()
         for command in commands:
             self._message.data = command
             self._command.publish(self._message)
-        self._wait(lambda: self._stamp() != first and self._stamp() > last - 0.5 / self.rate,
+        self._wait(lambda: self._state and self._stamp() > last - 0.5 / self.rate,
                    f'{self._device} sends no samples')
         return time.monotonic() - began
 
