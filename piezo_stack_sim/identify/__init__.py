@@ -1,0 +1,1 @@
+"""Parameters of an actuator from recordings of it, or from its data sheet."""

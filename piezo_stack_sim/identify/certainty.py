@@ -1,0 +1,107 @@
+"""How well recordings determine each parameter, and which recording would do better."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from piezo_stack_sim.gap.noise import integrated_correlation
+from piezo_stack_sim.identify.refine import Fit, LOOSE
+from piezo_stack_sim.identify.tracks import blocks
+
+CONFIDENCE = 1.959964  # standard deviations, 95 %
+WIDE = 0.10  # half width of an interval, relative, above which a parameter is not determined
+SPLIT_NAMES = ('stiffness', 'linear_capacitance', 'transformer_ratio')
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """
+    A parameter with its 95 % interval (SI units).
+
+    ``determined`` tells whether these recordings fix it, ``advice`` which
+    recording would, empty if they do.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    determined: bool
+    advice: str = ''
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the interval, relative."""
+        return 0.5 * math.log(self.high / self.low)
+
+
+def estimates(fit: Fit) -> list[Estimate]:
+    """
+    Return every parameter with its interval.
+
+    The covariance is that of weighted least squares with residuals that are
+    correlated in time: each channel of each recording counts as many rows as
+    its misfit has independent ones.
+
+    Returns
+    -------
+    list of Estimate
+        In the order of `Layout.named`.
+
+    """
+    layout, jacobian = fit.layout, fit.jacobian
+    belief = np.eye(fit.vector.size) / LOOSE ** 2
+    square, spread = belief.copy(), belief.copy()
+    for track, channel, rows in blocks(fit.tracks):
+        part = jacobian[rows].T @ jacobian[rows]
+        used = track.used[channel]
+        square += part
+        spread += part * integrated_correlation(fit.residual[rows][used])
+    scale = np.sqrt(np.diag(square))
+    inverse = np.linalg.inv(square / np.outer(scale, scale)) / np.outer(scale, scale)
+    to_named = layout.derivative(fit.vector)
+    covariance = to_named @ inverse @ spread @ inverse @ to_named.T
+    named = layout.named(fit.vector)
+    widths = dict(zip(named, CONFIDENCE * np.sqrt(np.maximum(np.diag(covariance), 0.0))))
+    fixed = {name for name, width in widths.items() if width <= WIDE}
+    pushed = any(np.ptp(t.recording.external_force) > 0.0 for t in fit.tracks)
+    charged = any('charge' in t.measured or t.recording.drive == 'charge' for t in fit.tracks)
+    frequency = math.sqrt(named['k + T^2/C'] / named['mass']) / (2.0 * math.pi)
+    result = []
+    for name, value in named.items():
+        width = min(float(widths[name]), 20.0)
+        advice = '' if name in fixed else _advice(
+            name, fixed, layout, pushed, charged, frequency)
+        result.append(Estimate(name, value, value * math.exp(-width), value * math.exp(width),
+                               name in fixed, advice))
+    return result
+
+
+def _advice(name, fixed, layout, pushed, charged, frequency) -> str:
+    beyond = ('a recording at higher voltage, in which the last element slips: until then every '
+              'split of k + T^2/C and of 1/C + maxwell_stiffness[-1] predicts the same')
+    force = 'a recording of a known external force at a fixed voltage or with open leads'
+    if not charged:
+        force += ', with the charge measured'
+    if name in ('mass', 'damping'):
+        return (f'a multisine or quick steps with energy near the resonance (about '
+                f'{_hertz(frequency)}), at 3 rows or more to its period')
+    if name in ('T/C', 'k + T^2/C'):
+        return force
+    last = layout.n - 1
+    is_last = name in (f'maxwell_stiffness[{last}]', f'maxwell_break_voltage[{last}]')
+    if name in SPLIT_NAMES or is_last or name.startswith('1/C'):
+        if not {'T/C', 'k + T^2/C'} <= fixed and not pushed:
+            return force
+        return beyond
+    if not charged:
+        return 'the charge, measured; else a known external force'
+    return ('slow triangles from the relaxed state that pass its break charge in both directions, '
+            'with more rows or less noise')
+
+
+def _hertz(value) -> str:
+    return f'{value / 1e3:.3g} kHz' if value >= 1e3 else f'{value:.3g} Hz'

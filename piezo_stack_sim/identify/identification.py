@@ -1,0 +1,142 @@
+"""From recordings to an actuator: the rising curve, the start, the joint fit, the intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.identify.certainty import Estimate, estimates
+from piezo_stack_sim.identify.last_element import let_last_slip, reaching_beyond
+from piezo_stack_sim.identify.piecewise import Pieces
+from piezo_stack_sim.identify.refine import descend, Fit, refine
+from piezo_stack_sim.identify.rising import Curve
+from piezo_stack_sim.identify.start import (
+    find_motion, find_pieces, find_polarised, first_actuator, guess_device, static_gains)
+from piezo_stack_sim.identify.tracks import make_tracks
+from piezo_stack_sim.identify.vector import Layout
+from piezo_stack_sim.plant.parameters import Device
+from piezo_stack_sim.recording.finding import Finding
+from piezo_stack_sim.recording.preflight import preflight
+from piezo_stack_sim.recording.recording import RecordingSet
+
+
+@dataclass(frozen=True)
+class Identification:
+    """
+    An identified actuator and how it was found.
+
+    ``device`` is ready to be saved; ``estimates`` the parameters with their
+    intervals; ``curves`` and ``pieces`` the paper's way; ``fit`` the joint
+    fit; ``findings`` what preflight said; ``polarised`` names the recordings
+    that did not begin relaxed, with the earlier peak voltage (V).
+    """
+
+    name: str
+    device: Device
+    estimates: list[Estimate]
+    curves: list[Curve]
+    pieces: Pieces
+    fit: Fit
+    findings: list[Finding]
+    polarised: dict[str, float]
+    started_from: str
+
+    @property
+    def undetermined(self) -> list[Estimate]:
+        """The parameters that these recordings do not determine."""
+        return [each for each in self.estimates if not each.determined]
+
+    def misfit(self) -> list[tuple[str, str, float, float]]:
+        """Return (recording, channel, rms misfit in SI units, share of the channel's span)."""
+        spans = {}
+        for track in self.fit.tracks:
+            for channel, values in track.measured.items():
+                spans[channel] = max(spans.get(channel, 0.0), float(np.ptp(values)))
+        rows = []
+        for track, rest in zip(self.fit.tracks, self.fit.misfits):
+            for channel, values in rest.items():
+                rms = float(np.sqrt(np.mean(values[track.used[channel]] ** 2)))
+                rows.append((track.recording.name, channel, rms, rms / spans[channel]))
+        return rows
+
+
+def identify(recordings: RecordingSet, start: Device | None = None,
+             elements: int | None = None, told=None) -> Identification:
+    """
+    Identify an actuator from recordings of it.
+
+    Parameters
+    ----------
+    recordings : RecordingSet
+        As read, before preflight.
+    start : Device, optional
+        What to believe of numbers that the recordings do not show; the paper's
+        actuator if not given.
+    elements : int, optional
+        Number of Maxwell elements; as many as held-out points justify if not given.
+    told : callable, optional
+        Called with a line of progress now and then.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    InputError
+        If preflight refuses everything, or no recording has a slow rise of the voltage.
+
+    """
+    told = told or (lambda line: None)
+    checked, findings = preflight(recordings, start)
+    originals = {each.name: each for each in recordings}
+    tracks = make_tracks(checked.recordings, originals)
+    if not tracks:
+        raise InputError(f'{recordings.source or recordings.name}: no measured channel moves '
+                         'beyond what the drive fixes: expected charge or displacement; record '
+                         'one of them')
+    kept = [track.recording for track in tracks]
+    device = guess_device(start)
+    guess = device.actuator
+    gains = static_gains(kept)
+    told('rising curve')
+    charge_per_displacement = gains[0] or (
+        guess.transformer_ratio + guess.stiffness * guess.linear_capacitance
+        / guess.transformer_ratio)
+    curves, pieces = find_pieces(kept, charge_per_displacement, elements)
+    voltages = guess.voltage_range if start else _voltage_range(kept)
+    actuator = first_actuator(pieces, gains, guess, voltages)
+    device = device.replace(actuator=actuator)
+    layout = Layout(device, len(actuator.maxwell_stiffness), False)
+    told('mass and damping')
+    vector = find_motion(layout, layout.vector(actuator), tracks)
+    layout, vector = find_polarised(layout, vector, tracks)
+    beyond = reaching_beyond(layout, vector, tracks, curves[0].span)
+    inside = [track for i, track in enumerate(tracks) if i not in beyond]
+    if beyond and inside:
+        vector = descend(layout, vector, inside, steps=10, told=told)
+        told('last element')
+        layout, vector = let_last_slip(layout, vector, tracks, beyond, curves[0].span)
+    fit = refine(layout, vector, tracks, told)
+    found = layout.actuator(fit.vector).replace(model=f'identified from {recordings.name}')
+    place = layout.size - len(layout.polarised)
+    polarised = {tracks[i].recording.name: float(np.exp(fit.vector[place + j]))
+                 for j, i in enumerate(layout.polarised)}
+    return Identification(
+        recordings.name, device.replace(actuator=found), estimates(fit), curves, pieces, fit,
+        findings, polarised, guess.model)
+
+
+def _voltage_range(recordings) -> tuple[float, float]:
+    """Return the voltages (V) that the recordings cover, zero among them."""
+    low, high = 0.0, 0.0
+    for recording in recordings:
+        values = recording.command if recording.drive == 'voltage' else \
+            recording.measured.get('voltage')
+        if values is not None:
+            low, high = min(low, float(np.min(values))), max(high, float(np.max(values)))
+    # Noise around zero is no range; neither are digits that nobody set.
+    low = 0.0 if low > -0.02 * high else low
+    return float(f'{low:.3g}'), float(f'{high:.3g}')
