@@ -175,8 +175,10 @@ def test_the_true_shrinkage_is_that_of_the_noise_free_errors():
     predictions = {'before/steps/displacement': real + 0.2, 'after/steps/displacement': real + 0.1,
                    'before/decay/displacement': real + 0.2, 'after/decay/displacement': real}
     held = {'shrinkage': {'withheld': ['steps']}}
-    assert np.isclose(true_shrinkage(held, truth, predictions)['displacement'], 0.75)
-    assert np.isclose(true_shrinkage({}, truth, predictions)['displacement'], 0.875)
+    quiet, loud = {'displacement': 0.1}, {'displacement': 1.0}
+    assert np.isclose(true_shrinkage(held, truth, predictions, quiet)['displacement'], 0.75)
+    assert np.isclose(true_shrinkage({}, truth, predictions, quiet)['displacement'], 0.875)
+    assert true_shrinkage({}, truth, predictions, loud) == {}
 
 
 def test_wilson_intervals_are_the_published_ones():

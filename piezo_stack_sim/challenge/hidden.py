@@ -64,32 +64,64 @@ def register(table, block, form, channels, *, recordings=(), needs=(), lookalike
     return enter
 
 
+@dataclass(frozen=True)
+class Range:
+    """
+    Where a parameter is drawn from.
+
+    Attributes
+    ----------
+    low, high : float
+        Its ends.
+    logarithmic, signed : bool
+        Uniform in the logarithm; with a random sign.
+    of : str
+        The `Context` that the ends are shares of, if any.
+
+    """
+
+    low: float
+    high: float
+    logarithmic: bool = False
+    signed: bool = False
+    of: str = ''
+
+    def __call__(self, random, context):
+        """Return a value."""
+        if self.logarithmic:
+            value = float(np.exp(random.uniform(np.log(self.low), np.log(self.high))))
+        else:
+            value = float(random.uniform(self.low, self.high))
+        if self.signed:
+            value *= float(random.choice([-1.0, 1.0]))
+        return value * getattr(context, self.of) if self.of else value
+
+
 def log(low, high):
     """Return a log-uniform choice."""
-    return lambda random, context: float(np.exp(random.uniform(np.log(low), np.log(high))))
+    return Range(low, high, logarithmic=True)
 
 
 def either_sign(low, high):
     """Return a log-uniform choice with a random sign."""
-    size = log(low, high)
-    return lambda random, context: size(random, context) * float(random.choice([-1.0, 1.0]))
+    return Range(low, high, logarithmic=True, signed=True)
 
 
 def uniform(low, high):
     """Return a uniform choice."""
-    return lambda random, context: float(random.uniform(low, high))
+    return Range(low, high)
+
+
+def of_top(low, high):
+    """Return a uniform share of the highest commanded voltage."""
+    return Range(low, high, of='top')
+
+
+def of_stroke(low, high):
+    """Return a uniform share of the stroke at the highest commanded voltage."""
+    return Range(low, high, of='stroke')
 
 
 def whole(high):
     """Return a whole number below `high`, as a seed."""
     return lambda random, context: int(random.integers(high))
-
-
-def of_top(low, high):
-    """Return a uniform share of the highest commanded voltage."""
-    return lambda random, context: float(random.uniform(low, high) * context.top)
-
-
-def of_stroke(low, high):
-    """Return a uniform share of the stroke at the highest commanded voltage."""
-    return lambda random, context: float(random.uniform(low, high) * context.stroke)

@@ -129,7 +129,7 @@ def compare_shrinkage(answer, true):
     return out
 
 
-def true_shrinkage(answer, truth, predictions):
+def true_shrinkage(answer, truth, predictions, noise):
     """
     Return the true S by channel: noise-free errors before and after, of what was predicted.
 
@@ -139,6 +139,8 @@ def true_shrinkage(answer, truth, predictions):
         Names under ``shrinkage.withheld`` the recordings to judge by; all when it names none.
     truth, predictions : mapping of str to (n,) array
         ``true/<recording>/<channel>`` and ``before/...``, ``after/...``, the same rows.
+    noise : dict of str to float
+        Noise rms by channel. Where the gap is less than half of it there is nothing to remove.
 
     """
     withheld = (answer.get('shrinkage') or {}).get('withheld') or []
@@ -154,8 +156,9 @@ def true_shrinkage(answer, truth, predictions):
         if before is None or after is None:
             continue
         real = np.asarray(truth[key], dtype=float)
-        sums = errors.setdefault(channel, [0.0, 0.0])
+        sums = errors.setdefault(channel, [0.0, 0.0, 0])
         sums[0] += float(np.sum((real - before) ** 2))
         sums[1] += float(np.sum((real - after) ** 2))
-    return {channel: 1.0 - after / before for channel, (before, after) in errors.items()
-            if before > 0.0}
+        sums[2] += real.size
+    return {channel: 1.0 - after / before for channel, (before, after, rows) in errors.items()
+            if before > 0.25 * rows * noise[channel] ** 2}

@@ -115,7 +115,7 @@ def transducer_nonlinearity(unit, share, balanced_at):
 
 
 @register(KNOWN, 'transducer', 'direct and converse effect off by unequal amounts', BOTH,
-          error=either_sign(2.5e-2, 0.15), inequality=uniform(-0.15, 0.15))
+          error=either_sign(2.5e-2, 0.15), inequality=either_sign(0.05, 0.2))
 def transducer_ratio(unit, error, inequality):
     return unit.change(stack={'converse_error': error * (1.0 + inequality),
                               'direct_error': error * (1.0 - inequality)})

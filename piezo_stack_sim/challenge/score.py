@@ -121,7 +121,8 @@ def shrinkage_of(public, name, label, answer):
         if fingerprint(arrays) != label['truth_sha256']:
             raise InputError(f'{kept}: not the truth that the labels commit to')
         return true_shrinkage(answer, arrays,
-                              {key: predictions[key] for key in predictions.files})
+                              {key: predictions[key] for key in predictions.files},
+                              {channel: entry['rms'] for channel, entry in label['noise'].items()})
 
 
 def fingerprint(arrays):

@@ -118,9 +118,10 @@ def diagnose(recordings, parameter_file):
 
     device = load_device(parameter_file)
     given = read_set(recordings)
-    diagnosis = diagnose_set(given, device)
+    diagnosis = diagnose_set(given, device, traces=False)
+    models = {'before': device, 'after': diagnosis['_after_device']}
     predictions = {}
-    for kind, model in (('before', device), ('after', corrected(device, diagnosis))):
+    for kind, model in models.items():
         for recording in given.recordings:
             response = simulate(model, recording.time, recording.command,
                                 recording.external_force, drive=recording.drive)
@@ -130,19 +131,4 @@ def diagnose(recordings, parameter_file):
                     values = values - values[0]
                 predictions[f'{kind}/{recording.name}/{channel}'] = (
                     values[::KEPT_ROWS].astype(np.float32))
-    return diagnosis, predictions
-
-
-def corrected(device, diagnosis):
-    """Return the device as a diagnosis corrects it: nominals re-tuned, selected effects on."""
-    actuator = {name: entry['fitted'] for name, entry in diagnosis['calibration'].items()
-                if hasattr(device.actuator, name)}
-    selected = diagnosis['selected']
-    effects = {name: {} for name in selected}
-    for cause in diagnosis['causes']:
-        if set(cause['effect'].split('+')) == set(selected):
-            for key, entry in cause['parameters'].items():
-                effect, _, parameter = key.rpartition('.')
-                effects[effect or selected[0]][parameter] = entry['value']
-            break
-    return device.replace(actuator=actuator).with_effects(effects)
+    return {key: value for key, value in diagnosis.items() if key[0] != '_'}, predictions
