@@ -1,0 +1,138 @@
+"""Playing to a device in lockstep: every command brings the next tick, exactly repeatable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.node.excite_link import Link
+
+# Commands on their way at once. A topic keeps their order, and the device's depth is greater.
+WINDOW = 64
+BLOCK = 200  # rows handed on at once
+
+Sink = Callable[[list[tuple[float, ...]]], None]
+
+
+def never() -> bool:
+    """Tell that nobody wants to stop."""
+    return False
+
+
+class LockstepPlayer:
+    """
+    Plays commands tick by tick.
+
+    Parameters
+    ----------
+    link : Link
+        A device in lockstep.
+
+    Attributes
+    ----------
+    rate : float
+        Ticks a second of device time (Hz).
+    present : dict of str to float
+        The newest sample by channel (SI).
+
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.rate: float = link.rate or 1000.0
+        self._stamp = 0.0
+        self._force = 0.0
+        self.present: dict[str, float] = {}
+
+    def prepare(self) -> None:
+        """Step the device until every topic is connected, and no message is on its way."""
+        link = self._link
+        link.call('pause', data=True)
+        clean = 0
+        for _ in range(50):
+            link.drain(0.02)
+            link.call('step')
+            try:
+                link.wait(lambda: all(link.heard.values()), 'silent', 0.3)
+            except InputError:
+                clean = 0
+                continue
+            clean += all(len(heard) == 1 for heard in link.heard.values())
+            if clean > 1:
+                break
+        else:
+            raise InputError(f'{link.device}: its topics do not connect')
+        self._take()
+        link.call('pause', data=False)
+        link.drain()
+
+    def reset(self, command: float) -> None:
+        """Relax the device; one tick at a command (V or C) gives the first sample."""
+        self._link.call('reset')
+        self._link.drain()
+        self._stamp = 0.0
+        self.play(np.array([command]), np.zeros(1), None, never)
+
+    def _take(self) -> None:
+        """Take the sample of one tick from the queues."""
+        link = self._link
+        tick = {name: heard.popleft() for name, heard in link.heard.items()}
+        self._stamp = tick['tick'].stamp
+        self.present = {name: tick[link.source(name)].value for name in link.channels}
+
+    def play(self, commands: np.ndarray, forces: np.ndarray, sink: Sink | None,
+             stopped: Callable[[], bool]) -> int:
+        """
+        Play commands; each row is sampled just before its command takes effect.
+
+        Parameters
+        ----------
+        commands, forces : ndarray, shape (n,)
+            V or C; N.
+        sink : callable, optional
+            Takes rows (time in s, command, force, then the link's channels).
+        stopped : callable
+            Asked before each command.
+
+        Returns
+        -------
+        int
+            How many commands were played.
+
+        Raises
+        ------
+        InputError
+            If the device stops answering, or somebody else steps it.
+
+        """
+        link, heard = self._link, list(self._link.heard.values())
+        # Force and command travel on two topics: what both bring waits for its answer.
+        window = 1 if np.any(forces != self._force) else WINDOW
+        steps_by_force = link.drive in ('open', 'shorted')
+        sent, got, rows = 0, 0, []
+        while got < len(commands):
+            while sent < len(commands) and sent - got < window and not stopped():
+                force = float(forces[sent])
+                changed = steps_by_force or force != self._force
+                link.send(float(commands[sent]), force if changed else None)
+                self._force = force
+                sent += 1
+            if sent == got:
+                break
+            link.wait(lambda: all(heard), f'{link.device} stopped answering')
+            rows.append((got / self.rate, float(commands[got]), float(forces[got]),
+                         *self.present.values()))
+            before = self._stamp
+            self._take()
+            got += 1
+            if abs((self._stamp - before) * self.rate - 1.0) > 0.01 or (
+                    got == sent and any(heard)):
+                raise InputError(f'{link.device}: ticks that were not commanded here; stop '
+                                 'whatever else commands or steps it')
+            if sink is not None and (len(rows) >= BLOCK or got == len(commands)):
+                sink(rows)
+                rows = []
+        if sink is not None and rows:
+            sink(rows)
+        return got

@@ -1,0 +1,288 @@
+"""Claims about test programmes played over topics: what is recorded, and what a device suffers."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+from piezo_stack_sim import cli
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording.programmes import steps, triangle
+from piezo_stack_sim.recording.read import read_set
+from piezo_stack_sim.resources import config_file
+import pytest
+from ros_process import (
+    Client, ENVIRONMENT, node_arguments, NodeProcess, NOMINAL, PATIENCE, SPACE, until)
+
+from piezo_stack_sim.node.excite_limits import Limits  # noqa: I100
+
+STACK = f'{SPACE}/stack'
+SHORT = ('--peaks', '30', '60', '--frequency', '20', '--cycles', '1')
+
+
+@pytest.fixture(scope='module')
+def device():
+    """One device in lockstep for all tests."""
+    node = NodeProcess(*node_arguments('stepping:=lockstep'))
+    yield STACK
+    assert node.end()[0] == 0
+
+
+@pytest.fixture(scope='module')
+def wall_device():
+    """One device by wall time for all tests."""
+    node = NodeProcess(*node_arguments('rate:=200', name='wall'))
+    yield f'{SPACE}/wall'
+    assert node.end()[0] == 0
+
+
+def excite(*arguments):
+    """Run the command in this process; return its exit status."""
+    return cli.main(['excite', *(str(a) for a in arguments)])
+
+
+def offline(recording):
+    """Return what the plant answers to the commands of a recording."""
+    return simulate(Device.nominal(), recording.time, recording.command,
+                    recording.external_force, recording.drive)
+
+
+def error_of(capfd, *arguments):
+    """Return the one line that a refused command prints."""
+    assert excite(*arguments) == 2
+    errors = capfd.readouterr().err
+    assert errors.count('\n') == 1
+    return errors
+
+
+# -- limits ----------------------------------------------------------------------------
+
+
+def test_a_programme_beyond_the_voltage_limits_is_refused_in_words():
+    with pytest.raises(InputError, match='triangle: 0 to 90 V exceeds the limits 0 to 60 V.*clip'):
+        Limits((0.0, 60.0)).enforce(triangle(rate=1000.0), clip=False)
+
+
+def test_a_clipped_programme_keeps_voltage_and_slew_limits():
+    limits = Limits((0.0, 60.0), slew=500.0)
+    clipped, remarks = limits.enforce(triangle(rate=1000.0), clip=True)
+    assert len(remarks) == 2 and '500 V/s' in remarks[1]
+    assert clipped.command.max() <= 60.0
+    assert np.abs(np.diff(clipped.command)).max() * 1000.0 <= 500.0 * (1.0 + 1e-9)
+
+
+def test_a_current_limit_limits_the_slew_by_the_capacitance():
+    limits = Limits(current=0.01, capacitance=2e-6)
+    assert limits.fastest(90.0) == pytest.approx(5000.0)
+    with pytest.raises(InputError, match='current limit 0.01 A'):
+        limits.enforce(triangle((90.0,), 100.0, rate=10e3), clip=False)
+    with pytest.raises(InputError, match='--params'):
+        Limits(current=0.01)
+
+
+def test_a_programme_within_the_limits_is_left_alone():
+    programme = steps(hold=0.5, rate=1000.0)
+    kept, remarks = Limits((0.0, 80.0), slew=1e4).enforce(programme, clip=False)
+    assert kept is programme and not remarks
+
+
+@pytest.mark.parametrize('slew', [None, 40.0, 1e6])
+def test_a_ramp_ends_where_it_should_and_keeps_the_slew(slew):
+    ramp = Limits(slew=slew).ramp(80.0, 0.0, 1000.0)
+    assert ramp[-1] == 0.0
+    assert np.abs(np.diff(ramp, prepend=80.0)).max() * 1000.0 <= (slew or 161.0) * (1 + 1e-9)
+    assert ramp.size >= 500
+
+
+def test_the_safe_voltage_is_the_allowed_one_nearest_to_zero():
+    assert Limits().safe == 0.0
+    assert Limits((10.0, 60.0)).safe == 10.0
+    assert Limits((-30.0, 60.0)).safe == 0.0
+
+
+# -- a device in lockstep ------------------------------------------------------------------
+
+
+def test_a_recording_from_lockstep_is_the_offline_simulation_to_the_bit(device, tmp_path, capfd):
+    out = tmp_path / 'set'
+    assert excite('triangle', *SHORT, '--reset', '--node', device, '--out', out) == 0
+    assert capfd.readouterr().out == f'1 recordings, 100 rows: {out}\n'
+    recording = read_set(out)['triangle']
+    assert list(recording.measured) == ['voltage', 'charge', 'displacement']
+    assert list(recording.command) == list(triangle((30.0, 60.0), 20.0, 1, 1000.0).command)
+    answer = offline(recording)
+    for channel, values in recording.measured.items():
+        assert np.array_equal(values, getattr(answer, channel)), channel
+
+
+def test_force_is_recorded_with_the_row_from_which_it_acts(device, tmp_path):
+    assert excite('force', '--frequency', '20', '--cycles', '1', '--reset', '--node', device,
+                  '--out', tmp_path) == 0
+    recording = read_set(tmp_path)['force']
+    assert recording.external_force.min() == pytest.approx(-120.0, rel=1e-3)
+    assert np.array_equal(recording.measured['displacement'], offline(recording).displacement)
+
+
+def test_open_leads_are_played_by_force_alone_and_the_drive_is_set_back(device, tmp_path):
+    assert excite('force', '--drive', 'open', '--frequency', '20', '--cycles', '1', '--reset',
+                  '--node', device, '--out', tmp_path) == 0
+    recording = read_set(tmp_path)['force']
+    assert recording.drive == 'open'
+    assert np.array_equal(recording.measured['displacement'], offline(recording).displacement)
+    assert excite('triangle', *SHORT, '--node', device, '--out', tmp_path) == 0
+
+
+def test_charge_drive_plays_coulombs(device, tmp_path):
+    assert excite('triangle', *SHORT, '--drive', 'charge', '--charge-per-volt', '1e-6', '--reset',
+                  '--node', device, '--out', tmp_path) == 0
+    recording = read_set(tmp_path)['triangle']
+    assert recording.drive == 'charge'
+    assert recording.command.max() == pytest.approx(60e-6)
+    assert np.array_equal(recording.measured['displacement'], offline(recording).displacement)
+
+
+def test_a_recording_set_is_played_again(device, tmp_path):
+    assert excite('steps', '--levels', '0,20,5', '--hold', '0.1', '--transition', '0.02',
+                  '--reset', '--node', device, '--out', tmp_path / 'a') == 0
+    assert excite(tmp_path / 'a', '--reset', '--node', device, '--out', tmp_path / 'b') == 0
+    first, second = ((tmp_path / name / 'steps.csv').read_bytes() for name in 'ab')
+    assert first == second
+
+
+def test_what_does_not_begin_at_rest_is_led_up_to_on_record(device, tmp_path):
+    assert excite('steps', '--levels', '40', '20', '--hold', '0.1', '--transition', '0.02',
+                  '--reset', '--node', device, '--out', tmp_path) == 0
+    recording = read_set(tmp_path)['steps']
+    assert np.abs(np.diff(recording.command, prepend=0.0)).max() < 2.0
+    assert np.array_equal(recording.measured['charge'], offline(recording).charge)
+
+
+def test_a_device_is_left_at_the_safe_voltage(device, tmp_path):
+    assert excite('steps', '--levels', '0', '40', '--hold', '0.1', '--voltage-limits', '-5', '100',
+                  '--node', device, '--out', tmp_path) == 0
+    client = Client()
+    client.until(client._services['step'].service_is_ready, 'services')
+    client.until(lambda: client.call('step') and client.heard['voltage'], 'the voltage')
+    client.close()
+    assert client.heard['voltage'][-1] == pytest.approx(0.0, abs=1e-9)
+
+
+# -- a device by wall time -----------------------------------------------------------------
+
+
+def test_by_wall_time_rows_carry_stamps_and_the_commands_that_act_from_them(wall_device, tmp_path):
+    assert excite('triangle', '--peaks', '60', '--frequency', '0.5', '--cycles', '1', '--reset',
+                  '--node', wall_device, '--out', tmp_path) == 0
+    recording = read_set(tmp_path)['triangle']
+    assert recording.time[0] == 0.0 and recording.command[0] == 0.0
+    assert recording.period == pytest.approx(0.005, rel=1e-3)
+    # Between two rows at most 1 % of the stroke happens: a command off by a row would show.
+    answer = offline(recording)
+    for channel in ('charge', 'displacement'):
+        span = np.ptp(recording.measured[channel])
+        gap = np.abs(recording.measured[channel] - getattr(answer, channel))
+        assert np.nanmedian(gap) < 2e-3 * span, channel
+    assert np.nanmedian(np.abs(recording.measured['voltage'] - recording.command)) < 0.7
+
+
+def test_ctrl_c_keeps_what_was_recorded_and_ramps_down(wall_device, tmp_path):
+    client = Client(wall_device)
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'piezo_stack_sim', 'excite', 'steps', '--levels', '0', '80', '80',
+         '--hold', '1', '--node', wall_device, '--out', str(tmp_path)],
+        env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    client.until(lambda: client.heard['voltage'] and client.heard['voltage'][-1] > 79.999, '80 V')
+    process.send_signal(signal.SIGINT)
+    client.until(lambda: process.poll() is not None, 'the end')
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130, errors
+    assert 'left at 0 V' in errors
+    client.until(lambda: client.heard['voltage'][-1] < 0.5, '0 V')
+    client.close()
+    rows = read_set(tmp_path)['steps']
+    assert 200 < len(rows) < 600
+    assert rows.command[-1] == 80.0
+    # Half a second for 80 V: no step.
+    assert np.abs(np.diff(client.heard['voltage'])).max() < 8.0
+
+
+def test_a_killed_recording_can_be_read(wall_device, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'piezo_stack_sim', 'excite', 'steps', '--node', wall_device,
+         '--out', str(tmp_path)], env=ENVIRONMENT)
+    file = tmp_path / 'steps.csv'
+    until(lambda: file.exists() and file.stat().st_size > 2000, 'rows')
+    process.kill()
+    process.wait(PATIENCE)
+    assert len(read_set(tmp_path)['steps']) > 20
+
+
+# -- what is refused -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('arguments, reason', [
+    (['triangel'], 'did you mean triangle?'),
+    (['decay', '--peaks', '30'], '--peaks: decay has no such setting'),
+    (['triangle', '--current', '0.1'], '--params'),
+    (['triangle', '--slew', '-1'], '--slew -1: expected a positive number'),
+    (['triangle', '--voltage-limits', '50', '20'], 'lower one first'),
+    (['multisine', '--band', '20'], 'expected two numbers'),
+    (['triangle', '--drive', 'charge'], '--charge-per-volt'),
+    (['triangle', '--drive', 'open'], 'only the programme force'),
+    (['triangle', '--rest', '-1'], '--rest -1'),
+])
+def test_wrong_arguments_are_one_line(capfd, tmp_path, arguments, reason):
+    assert reason in error_of(capfd, *arguments, '--out', tmp_path / 'set')
+    assert not (tmp_path / 'set').exists()
+
+
+def test_a_wrong_name_is_told_with_the_devices_there_are(device, tmp_path, capfd):
+    error = error_of(capfd, 'triangle', '--node', '/nobody', '--patience', '6', '--out', tmp_path)
+    assert 'no device /nobody' in error and device in error
+
+
+def test_limits_are_checked_before_the_device_moves(device, tmp_path, capfd):
+    error = error_of(capfd, 'all', '--quick', '--voltage-limits', '0', '70', '--node', device,
+                     '--out', tmp_path / 'set')
+    assert 'triangle: 0 to 90 V exceeds the limits 0 to 70 V' in error
+    assert not (tmp_path / 'set').exists()
+
+
+def test_the_current_limit_takes_the_capacitance_from_the_parameter_file(device, tmp_path, capfd):
+    error = error_of(capfd, 'triangle', '--current', '0.001', '--params', NOMINAL, '--node',
+                     device, '--out', tmp_path / 'set')
+    assert 'current limit 0.001 A' in error
+    assert excite('triangle', *SHORT, '--current', '0.001', '--params', NOMINAL, '--clip',
+                  '--reset', '--node', device, '--out', tmp_path / 'set') == 0
+    recording = read_set(tmp_path / 'set')['triangle']
+    current = np.abs(np.diff(recording.measured['charge'])) * recording.rate
+    assert 0.0003 < current.max() < 0.0011
+
+
+def test_a_file_in_the_way_is_not_overwritten(tmp_path, capfd):
+    (tmp_path / 'triangle.csv').write_text('mine')
+    error = error_of(capfd, 'triangle', '--out', tmp_path)
+    assert 'triangle.csv: exists already' in error
+    assert (tmp_path / 'triangle.csv').read_text() == 'mine'
+
+
+def test_another_rate_is_refused_in_lockstep(device, tmp_path, capfd):
+    error = error_of(capfd, 'triangle', '--rate', '500', '--node', device, '--out', tmp_path)
+    assert 'steps at 1000 Hz in lockstep' in error
+
+
+def test_the_namespace_may_stand_apart(device, tmp_path):
+    namespace, _, name = device.rpartition('/')
+    assert excite('triangle', *SHORT, '--node', name, '--namespace', namespace,
+                  '--out', tmp_path) == 0
+
+
+def test_help_needs_no_ros():
+    code = ('import sys; from piezo_stack_sim.cli import main; main(["excite", "--help"]); '
+            'print("rclpy" in sys.modules)')
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True,
+                          env={**os.environ, **ENVIRONMENT})
+    assert done.stdout.endswith('False\n')
+    assert config_file('ae0505d16.yaml')
