@@ -1,6 +1,7 @@
 """The score: truth scores full, luck does not, tampering is noticed, rates are honest."""
 
 import json
+import os
 
 import numpy as np
 from piezo_stack_sim.challenge import labels, page
@@ -8,6 +9,7 @@ from piezo_stack_sim.challenge.answer import answer, answer_set, code_version, r
 from piezo_stack_sim.challenge.judge import BLOCK, judge, true_shrinkage
 from piezo_stack_sim.challenge.rates import calibration, wilson
 from piezo_stack_sim.challenge.score import score
+from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
 import pytest
 
@@ -143,6 +145,35 @@ def test_answering_goes_on_where_it_stopped_and_refuses_other_code(tmp_path):
     answer(out, blind, jobs=1, progress=counts.append)
     assert counts == [len(HIDDEN)]
     assert score(out)['rates']['right']['rate'] == 1.0
+
+
+def test_a_dask_cluster_gives_the_same_answers(tmp_path):
+    """Two local workers; without Dask, or with nobody at the address, one line says so."""
+    distributed = pytest.importorskip('distributed')
+    out = answered(tmp_path, blind)
+    before = {name: entry[0] for name, entry in read_answers(out).items()}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False,
+                                  dashboard_address=None) as cluster:
+        answer(out, blind, scheduler=cluster.scheduler_address, again=True)
+    found = read_answers(out)
+    assert {name: entry[0] for name, entry in found.items()} == before
+    assert {run['code'] for _, run in found.values()} == {code_version()}
+
+
+def dies(folder, name):
+    """End the worker process at the first call for a name, leave a file at the second."""
+    mark = folder / name
+    if name == 'bad' and not mark.exists():
+        mark.write_text('tried')
+        os._exit(1)
+    mark.write_text('done')
+
+
+def test_a_worker_that_dies_costs_no_finished_work(tmp_path):
+    """The pool is made again for what is left."""
+    tasks = [(tmp_path, name) for name in ('a', 'bad', 'b', 'c')]
+    assert len(list(spread(dies, tasks, jobs=2))) == len(tasks)
+    assert all((tmp_path / name).read_text() == 'done' for _, name in tasks)
 
 
 def test_the_code_version_is_that_of_the_code():

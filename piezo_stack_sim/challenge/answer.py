@@ -1,16 +1,14 @@
 """Lets a diagnosis answer every set of a batch, without the labels; resumable, in parallel."""
 
-from concurrent.futures import as_completed, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 import hashlib
 import io
 import json
-import multiprocessing
 from pathlib import Path
 import time
 import traceback
 
 from piezo_stack_sim.atomic import atomic_path, write_text
+from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
 
 #: Folders whose code has no say in an answer.
@@ -36,7 +34,7 @@ def set_names(public):
     return json.loads(path.read_text())['sets']
 
 
-def answer(public, diagnose, jobs=None, again=False, progress=None):
+def answer(public, diagnose, jobs=None, scheduler=None, again=False, progress=None):
     """
     Write ``answers/<set>.json`` for every set of a public folder.
 
@@ -47,8 +45,8 @@ def answer(public, diagnose, jobs=None, again=False, progress=None):
         ``diagnose(set_folder, parameter_file) -> (diagnosis, predictions)``, importable by
         worker processes: a dict in the form of diagnosis.json, and a dict of thinned traces to
         compare with the truth (may be empty).
-    jobs : int, optional
-        Processes; as many as there are cores by default.
+    jobs, scheduler : int and str, optional
+        As `spread` takes them.
     again : bool
         Replace answers that other code has given.
     progress : callable, optional
@@ -79,34 +77,11 @@ def answer(public, diagnose, jobs=None, again=False, progress=None):
     finished = len(names) - len(waiting)
     if progress:
         progress(finished)
-    if jobs == 1:
-        for name in waiting:
-            answer_set(public, name, diagnose, version)
-            finished += 1
-            if progress:
-                progress(finished)
-        return version
-    context = multiprocessing.get_context('spawn')
-    while waiting:
-        # A worker that dies breaks the pool but costs no finished answer.
-        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-            futures = {pool.submit(answer_set, public, name, diagnose, version): name
-                       for name in waiting}
-            lost = None
-            for future in as_completed(futures):
-                try:
-                    future.result()
-                except BrokenProcessPool:
-                    lost = futures[future]
-                    continue
-                finished += 1
-                if progress:
-                    progress(finished)
-        left = [name for name in waiting if run_of(public, name) is None]
-        if lost and len(left) == len(waiting):
-            raise InputError(f'{public}/{lost}: the process that diagnoses it keeps dying; '
-                             'try fewer --jobs')
-        waiting = left if lost else []
+    tasks = [(public.resolve(), name, diagnose, version) for name in waiting]
+    for _ in spread(answer_set, tasks, jobs, scheduler):
+        finished += 1
+        if progress:
+            progress(finished)
     return version
 
 

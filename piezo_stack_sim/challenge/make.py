@@ -1,11 +1,9 @@
 """Makes a batch of recording sets with hidden effects, and the labels that stay outside."""
 
-from concurrent.futures import as_completed, ProcessPoolExecutor
 import gzip
 import hashlib
 import io
 import json
-import multiprocessing
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,7 @@ import numpy as np
 from piezo_stack_sim.atomic import atomic_path, write_text
 from piezo_stack_sim.challenge import case, labels, programmes
 from piezo_stack_sim.challenge.hidden import Context
+from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
 
 DECIMALS = {'voltage': '%.7g', 'charge': '%.8g', 'displacement': '%.8g'}
@@ -44,7 +43,7 @@ def set_name(index):
     return f'set_{index:03d}'
 
 
-def make(sets, seed, out, jobs=None, progress=None):
+def make(sets, seed, out, jobs=None, scheduler=None, progress=None):
     """
     Make a batch: the public folder `out` and, beside it, its labels.
 
@@ -55,8 +54,8 @@ def make(sets, seed, out, jobs=None, progress=None):
     out : str or Path
         Public folder. Labels go to ``<out>.labels.json``, noise-free responses to
         ``<out>.truth/``.
-    jobs : int, optional
-        Processes; as many as there are cores by default.
+    jobs, scheduler : int and str, optional
+        As `spread` takes them.
     progress : callable, optional
         Called with the number of finished sets.
 
@@ -85,7 +84,8 @@ def make(sets, seed, out, jobs=None, progress=None):
     finished = sets - len(waiting)
     if progress:
         progress(finished)
-    for _ in completed([(out, i, seed, *schedule[i]) for i in waiting], jobs):
+    tasks = [(out.resolve(), i, seed, *schedule[i]) for i in waiting]
+    for _ in spread(make_set, tasks, jobs, scheduler):
         finished += 1
         if progress:
             progress(finished)
@@ -99,18 +99,6 @@ def make(sets, seed, out, jobs=None, progress=None):
         'sets': {set_name(i): json.loads((truth / f'{set_name(i)}.json').read_text())
                  for i in range(sets)},
     })
-
-
-def completed(tasks, jobs):
-    """Make sets, given by the arguments of `make_set`; yield after each."""
-    if jobs == 1:
-        for task in tasks:
-            yield make_set(*task)
-        return
-    context = multiprocessing.get_context('spawn')
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        for future in as_completed([pool.submit(make_set, *task) for task in tasks]):
-            yield future.result()
 
 
 def batch_id(sets, seed):

@@ -11,6 +11,11 @@ jobs_option = click.option(
     metavar='N', help='Processes.')
 
 
+scheduler_option = click.option(
+    '--scheduler', metavar='ADDRESS',
+    help='Dask scheduler whose workers see the same files; instead of --jobs.')
+
+
 @click.group('challenge')
 def command():
     """
@@ -30,12 +35,13 @@ def command():
 @click.option('--out', required=True, metavar='DIR',
               help='Public folder; labels go to DIR.labels.json and DIR.truth beside it.')
 @jobs_option
-def make_command(sets, seed, out, jobs):
+@scheduler_option
+def make_command(sets, seed, out, jobs, scheduler):
     """Make recording sets of devices with hidden effects."""
     from piezo_stack_sim.challenge.make import make
 
     with counted('Making devices', sets) as progress:
-        labels = make(sets, seed, out, jobs, progress)
+        labels = make(sets, seed, out, jobs, scheduler, progress)
     click.echo(f'{sets} devices: {out}; labels: {labels}')
 
 
@@ -43,12 +49,13 @@ def make_command(sets, seed, out, jobs):
 @click.argument('folder', metavar='DIR')
 @click.option('--again', is_flag=True, help='Replace answers that other code has given.')
 @jobs_option
-def answer_command(folder, again, jobs):
+@scheduler_option
+def answer_command(folder, again, jobs, scheduler):
     """Diagnose every set in DIR with the defaults; answers go to DIR/answers."""
     from piezo_stack_sim.challenge.answer import answer, set_names
 
     with counted('Diagnosing', len(set_names(folder))) as progress:
-        version = answer(folder, diagnose, jobs, again, progress)
+        version = answer(folder, diagnose, jobs, scheduler, again, progress)
     click.echo(f'{folder}/answers: complete; code {version[:16]}')
 
 
