@@ -13,6 +13,7 @@ from piezo_stack_sim.challenge.known import KNOWN
 import pytest
 
 REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
+DOC = Path(__file__).resolve().parents[1] / 'doc' / 'challenge.md'
 
 #: Seconds instead of half a minute: every kind of excitation once.
 SHORT = programmes.Plan(
@@ -115,3 +116,11 @@ def test_single_effects_are_hidden_equally_often():
     hidden = [ids[0] for kind, ids in schedule(300, 7) if kind == 'one']
     counts = [hidden.count(key) for key in KNOWN]
     assert max(counts) - min(counts) <= 1
+
+
+@pytest.mark.skipif(not DOC.is_file(), reason='no doc folder')
+def test_the_documentation_says_how_each_effect_is_hidden():
+    """The tables of the page are those of the code."""
+    page = DOC.read_text()
+    for key, effect in EFFECTS.items():
+        assert f'| `{key}` | {effect.block} | {effect.form} |' in page
