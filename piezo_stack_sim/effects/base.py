@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 BLOCKS = ('drive', 'electrical', 'transducer', 'mechanical', 'environment', 'sensor')
@@ -58,12 +58,12 @@ class Effect:
     channels: tuple[str, ...] = ('displacement',)
     shown_in: str = ''
 
-    def values(self, given: dict[str, float]) -> dict[str, float]:
+    def values(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return every parameter: the given ones, defaults for the rest."""
         return {parameter.name: float(given.get(parameter.name, parameter.start))
                 for parameter in self.parameters}
 
-    def is_neutral(self, given: dict[str, float]) -> bool:
+    def is_neutral(self, given: Mapping[str, float]) -> bool:
         """Tell whether these values leave the ideal stack as it is."""
         values = self.values(given)
         return all(values[parameter.name] == parameter.neutral

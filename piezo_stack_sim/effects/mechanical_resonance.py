@@ -37,7 +37,7 @@ EFFECT = Effect(
         Parameter('participation', '1', 0.0, -1.0, 1.0, 0.3, 'part of the reading that swings'),
         Parameter('frequency', 'Hz', 2500.0, 50.0, 5e4, 2500.0, 'natural frequency',
                   scale='log', magnitude=False, default=2500.0),
-        Parameter('damping_ratio', '1', 0.03, 0.002, 1.0, 0.03, 'damping ratio, Q = 1/(2 zeta)',
+        Parameter('damping_ratio', '1', 0.03, 0.002, 0.3, 0.03, 'damping ratio, Q = 1/(2 zeta)',
                   scale='log', magnitude=False, default=0.03),
     ),
     apply, channels=('displacement',))

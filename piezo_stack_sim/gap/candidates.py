@@ -85,13 +85,14 @@ def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,
     fit = search.fits[base]
     used = base.split('+')
     # How an effect moves the outputs hardly depends on the other being on: no new simulation.
-    ranked = sorted(
-        ((max(((fitter.linear_gain(p.direction, fit), p) for p in probes
-              if p.direction is not None), key=lambda pair: pair[0]) if any(p.direction is not None for p in probes)
-          else (0.0, probes[0]))
-         for name, probes in search.probes.items() if name not in used),
-        key=lambda pair: -pair[0])
-    ranked = [probe for gain, probe in ranked[:PARTNERS] if gain > 0.02 * ranked[0][0]]
+    promises: list[tuple[float, Probe]] = []
+    for name, probes in search.probes.items():
+        seen = [(fitter.linear_gain(p.direction, fit), p) for p in probes
+                if p.direction is not None]
+        if name not in used and seen:
+            promises.append(max(seen, key=lambda pair: pair[0]))
+    promises.sort(key=lambda pair: -pair[0])
+    ranked = [probe for gain, probe in promises[:PARTNERS] if gain > 0.02 * promises[0][0]]
 
     def whole(probe):
         effects = {**fit.effects, probe.effect: probe.place}

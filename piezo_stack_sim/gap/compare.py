@@ -46,7 +46,9 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
     cuts = where.block_residuals(device, evidence, simulated)
     fractions, blocks = where.shares(cuts, None, 'charge' in evidence.channels)
     records, channels = where.by_record(evidence, residual)
-    biggest = max(fractions, key=fractions.get) if any(fractions.values()) else None
+    biggest = None
+    if any(fractions.values()):
+        biggest = max(fractions, key=lambda block: fractions[block])
     return {
         'name': recordings.name, 'gap': gap_part(evidence, simulated),
         'where': {'block': biggest, 'shares': fractions, 'blocks': blocks, 'channels': channels,

@@ -79,7 +79,8 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     search = search_singles(fitter, extent, progress)
     names = [name for name in search.fits if '+' not in name]
     judge = Judge.from_residual(
-        evidence, min((search.fits[n] for n in names), key=lambda f: f.cost).residual)
+        evidence, min((search.fits[n] for n in names), key=lambda f: f.cost).residual,
+        search.nominal.residual)
     # What re-tuning removes is calibration, not a cause.
     removable = _Removable(evidence, search.nominal.residual)
     singles = _rank(names, search, judge, removable)
@@ -148,6 +149,13 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
             checked.recordings, before, after if verdict.selected else None,
             {c: n.rms for c, n in evidence.noise.items()})
     result['_after_device'] = after_device
+    # What learning the thresholds needs: the powers of every hypothesis.
+    result['_scores'] = {
+        'weights': judge.weights.tolist(), 'forgiven': judge.forgiven.tolist(),
+        'nominal': judge.powers(search.nominal.residual).tolist(), 'ceiling': ceiling,
+        'structure': structure, 'classes': classes,
+        'fits': {name: [judge.powers(fit.residual).tolist(), removable.share(fit.residual),
+                        len(fit.free), fit.cost] for name, fit in search.fits.items()}}
     result['_seconds'] = time.perf_counter() - started
     return result
 
@@ -200,12 +208,12 @@ def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:
     if verdict.selected:
         return EFFECTS[verdict.selected[0]].block
     if fractions and max(fractions.values()) > 0.0:
-        return max(fractions, key=fractions.get)
+        return max(fractions, key=lambda block: fractions[block])
     return EFFECTS[singles[0].name].block
 
 
 def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
-    """What simpler ways of deciding would have answered, for the benchmark."""
+    """Return what simpler ways of deciding would have answered, for the benchmark."""
     n = fitter.rows.size
     names = [r.name for r in singles]
     lowest = min(names, key=lambda name: search.fits[name].cost)

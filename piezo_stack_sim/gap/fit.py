@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 import math
 
 import numpy as np
-from scipy.optimize import lsq_linear
-
 from piezo_stack_sim.effects.base import Parameter
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.errors import InputError
@@ -21,6 +19,7 @@ from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import fitted_rows, residuals
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.plant import Device
+from scipy.optimize import lsq_linear
 
 STEPS = 4
 ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
@@ -226,7 +225,8 @@ class Fitter:
             if progress < ENOUGH or (cost - new_cost) < 0.0:
                 break
         return Fit(self._values(effects, free, walk), phi, residual, cost, free, walk,
-                   np.column_stack([jacobian, self.jacobian]) if n else self.jacobian, used)
+                   np.column_stack([jacobian, self.jacobian]) if n else self.jacobian,
+                   simulations=used)
 
     def _values(self, effects, free, walk) -> dict[str, dict[str, float]]:
         values = {name: dict(given) for name, given in effects.items()}

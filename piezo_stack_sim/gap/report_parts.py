@@ -59,6 +59,8 @@ def covariance(fitter: Fitter, fit: Fit) -> np.ndarray:
     independent rows, not of rows.
     """
     n = len(fit.free)
+    if fit.jacobian is None:
+        return np.full(n + fitter.nuisance.prior.size, np.inf)
     jacobian = fit.jacobian[fitter.rows]
     weights = np.empty(fit.residual.size)
     for (_, _), where in zip(fitter.evidence.keys, spans(fitter.evidence)):
@@ -139,10 +141,11 @@ def shrinkage_part(evidence: Evidence, base, after, flexible, placebo) -> dict:
     for channel, level in noise.items():
         gap = old[channel] - level
         real = gap > 0.05 * level
-        entry = {'before': old[channel], 'after': new[channel], 'noise': level,
-                 'S': 1.0 - (new[channel] - level) / gap if real else None, 'ci': None,
-                 'span': max(float(np.ptp(t.measured[channel])) for t in evidence.tracks
-                             if channel in t.measured)}
+        span = max(float(np.ptp(t.measured[channel])) for t in evidence.tracks
+                   if channel in t.measured)
+        entry: dict = {'before': old[channel], 'after': new[channel], 'noise': level,
+                       'S': 1.0 - (new[channel] - level) / gap if real else None, 'ci': None,
+                       'span': span}
         if real:
             entry['ci'] = _interval(evidence, base, after, channel, level)
         result[channel] = entry

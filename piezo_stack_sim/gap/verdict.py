@@ -9,7 +9,6 @@ that is withheld.
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 
 import numpy as np
 
@@ -19,9 +18,8 @@ class Thresholds:
     """What was learned on the development set; scores in nats."""
 
     detect: float = 12.0  # gain of the best effect over none that counts as a gap
-    excess: float = 0.10  # mean square beyond the noise that counts as structure
+    excess: float = 1.0  # mean square beyond that of the noise that counts as structure
     temperature: float = 8.0  # nats by which two effects must differ to be told apart
-    prior_power: float = 0.0
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 20.0  # gain of a second effect that counts
     second_share: float = 0.5  # part of what the first leaves that the second must remove
@@ -94,24 +92,21 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     t = thresholds
     best = singles[0]
     chance = probabilities(singles, t)
-    if best.gain < t.detect + 2.0 * best.parameters:
-        if structure < t.excess or ceiling < 0.3:
-            return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
-                           'parameters within their uncertainty is noise', _sigmoid(
-                               (t.detect - best.gain) / 3.0))
-        return Verdict('UNKNOWN', (), (), 'structure is left that no effect of the library '
-                       'explains', 0.6)
     if pairs and _second_counts(best, pairs[0], t):
         names = tuple(pairs[0].name.split('+'))
-        if pairs[0].removed < t.explained and pairs[0].removed < 0.8 * ceiling:
-            return Verdict('UNKNOWN', (), (), f'even {pairs[0].name} leaves structure that a '
-                           'flexible correction removes', 0.6)
-        return Verdict('MULTIPLE', names, (), f'{names[0]} alone leaves '
-                       f'{100.0 * (1.0 - best.removed):.0f} % of the removable gap, '
-                       f'with {names[1]} {100.0 * (1.0 - pairs[0].removed):.0f} %', 0.8)
-    if best.removed < t.explained and (ceiling > best.removed + 0.1 or best.removed < 0.3):
-        return Verdict('UNKNOWN', (), (), f'the best effect, {best.name}, removes only '
-                       f'{100.0 * max(best.removed, 0.0):.0f} % of the removable gap', 0.6)
+        if pairs[0].removed >= t.explained:
+            first, second = sorted(names, key=lambda name: name != best.name)
+            return Verdict('MULTIPLE', names, (), f'{first} alone leaves '
+                           f'{_percent(1.0 - best.removed)} of the removable gap, '
+                           f'with {second} {_percent(1.0 - pairs[0].removed)}', 0.8)
+    if best.gain < t.detect + 2.0 * best.parameters or best.removed < t.explained:
+        if structure < t.excess:
+            return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
+                           'parameters within their uncertainty is noise', 0.9)
+        return Verdict('UNKNOWN', (), (), f'structure of {1.0 + structure:.1f} times the noise '
+                       f'power is left; the best effect, {best.name}, removes '
+                       f'{_percent(best.removed)} of the removable gap, a flexible correction '
+                       f'{_percent(ceiling)}', 0.6)
     tie = tie_of(singles, chance, classes, t)
     if len(tie) >= t.too_many:
         return Verdict('NOT_IDENTIFIABLE', (), tie, f'{len(tie)} effects explain the gap about '
@@ -121,8 +116,12 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        f'{len(tie)} effects', float(sum(
                            c for r, c in zip(singles, chance) if r.name in tie)))
     return Verdict('CAUSE', (best.name,), (best.name,), f'{best.name} removes '
-                   f'{100.0 * best.removed:.0f} % of the removable gap and nothing else comes '
+                   f'{_percent(best.removed)} of the removable gap and nothing else comes '
                    'close', float(chance[0]))
+
+
+def _percent(part: float) -> str:
+    return f'{100.0 * min(max(part, 0.0), 1.0):.0f} %'
 
 
 def _second_counts(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
@@ -148,7 +147,3 @@ def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
             near = {r.name for r in singles if r.removed > 0.95 * singles[0].removed}
             tie += [name for name in group if name in near and name not in tie]
     return tuple(tie)
-
-
-def _sigmoid(value: float) -> float:
-    return 1.0 / (1.0 + math.exp(-min(max(value, -30.0), 30.0)))

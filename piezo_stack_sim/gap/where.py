@@ -13,11 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import signal
-
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, spans
 from piezo_stack_sim.plant import Device
+from scipy import signal
 
 BEHIND_CHARGE = ('transducer', 'mechanical', 'environment', 'sensor')
 BANDS = (0.0, 1.0, 10.0, 100.0, 1000.0, math.inf)

@@ -46,6 +46,7 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     recordings = read_set(list(paths), mapping=mapping, units=units)
     diagnosis = diagnose_set(recordings, device, progress)
     corrected = diagnosis.pop('_after_device')
+    diagnosis.pop('_scores')
     diagnosis['how']['settings']['seconds'] = round(diagnosis.pop('_seconds'), 1)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)

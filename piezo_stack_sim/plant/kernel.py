@@ -116,7 +116,8 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
 
     ``rates`` (N, N+2+8) are the derivatives of the states over extended
     signals, ``opposing`` (2, N+1) the voltage in series with the Maxwell
-    capacitor and the charge lost under charge drive, both over states and q, ``reading`` (5, N+2+8) the outputs.
+    capacitor and the charge lost under charge drive, both over states and q,
+    ``reading`` (5, N+2+8) the outputs.
     Fills ``tables[mode]`` and ``watch[mode]`` (both with the column of the extended
     state first, so that sums over it run along memory), and the natural frequency ``omegas``
     (rad/s) and decay rate ``dampings`` (1/s) of the moving end in this mode.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 import os
 
 import numpy as np
@@ -70,13 +71,14 @@ def simulate(device: Device, time, command, external_force=None, drive: str | No
         plant.restore(state)
     first = plant.sample_noisy()
     if n == 1:
-        rest = Response(*(np.empty(0) for _ in range(6)), plant.charge_out_of_range, plant.state)
+        rest = plant.run(np.empty(0))
     elif np.abs(time - (time[0] + period * np.arange(n))).max() < max(5e-7, 1e-6 * period):
         rest = plant.run(command[:-1], force[:-1])
     else:
         rest = _run_irregular(plant, time, command, force)
-    columns = [np.concatenate([[value], getattr(rest, name)]) for name, value in first.items()]
-    return Response(time, *columns, rest.charge_out_of_range, rest.final_state)
+    columns = {name: np.concatenate([[value], getattr(rest, name)])
+               for name, value in first.items()}
+    return replace(rest, time=time, **columns)
 
 
 def simulate_many(jobs: Iterable[tuple[Device, object]], workers: int | None = None

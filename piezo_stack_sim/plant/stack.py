@@ -307,7 +307,7 @@ class Plant:
     # -- stepping ------------------------------------------------------------------
 
     def _evaluate(self) -> tuple[np.ndarray, float]:
-        """Outputs (5,) and reading of the present state without advancing."""
+        """Return outputs (5,) and reading of the present state without advancing."""
         tables = self._tables
         out, read = np.zeros((1, kernel.N_OUTPUTS)), np.zeros(1)
         one = np.zeros(1, dtype=np.int64)
@@ -394,7 +394,12 @@ class Plant:
         start = self._ticks
         measured = self._run(commands, forces)
         time = (start + 1 + np.arange(commands.size)) * self.period
-        return Response(time, *measured, self._out_of_range, self.state)
+        return self._response(time, measured)
+
+    def _response(self, time: np.ndarray, measured: tuple[np.ndarray, ...]) -> Response:
+        displacement, velocity, charge, voltage, force = measured
+        return Response(time, displacement, velocity, charge, voltage, force,
+                        self._out_of_range, self.state)
 
     def source_values(self, commands: np.ndarray) -> np.ndarray:
         """Return what the drive makes of commands: voltages (V) or charges (C)."""
@@ -439,7 +444,7 @@ class Plant:
         self.time += time[-1] - time[0]
         self._ticks = round(self.time / self.period)
         self._note_range()
-        return Response(time[1:], *measured, self._out_of_range, self.state)
+        return self._response(time[1:], measured)
 
     def _run(self, commands: np.ndarray, forces: np.ndarray,
              source: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
@@ -527,7 +532,8 @@ class Tables:
         self.tick = np.array([d / 2.0 ** level for d, level in zip(durations, self.levels)])
         self.ticks = (2 ** self.levels).astype(np.int64)
         # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
-        self.short = np.array([min(level, max(0, math.floor(math.log2(1.3 / system.omega_max / tick))))
+        quick = 1.3 / system.omega_max
+        self.short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
                                for level, tick in zip(self.levels.tolist(), self.tick)])
         if system.is_ideal:
             self._prepare_ideal()
