@@ -115,6 +115,8 @@ def device_yaml(device, comment='', node='/**'):
 def _scalar(value):
     if isinstance(value, tuple):
         value = [float(v) for v in value]
+    elif isinstance(value, float):
+        value = float(value)  # NumPy's floats are floats, but not to YAML
     text = yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True)
     return text.removesuffix('\n').removesuffix('\n...')
 
