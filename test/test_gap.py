@@ -1,0 +1,164 @@
+"""The diagnosis on devices of the plant with one effect on: what it must see, and must not claim."""
+
+import numpy as np
+from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
+from piezo_stack_sim.gap.verdict import decide, probabilities, Ranked
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording import programmes
+from piezo_stack_sim.recording.recording import RecordingSet
+import pytest
+
+NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
+
+
+@pytest.fixture(scope='module')
+def device():
+    return Device.nominal()
+
+
+def measure(device, programme, channels, seed):
+    """Play a programme to a device and read its sensors with white noise."""
+    random = np.random.default_rng(seed)
+    answer = simulate(device, programme.time, programme.command, programme.external_force)
+    return programme.replace(measured={
+        name: getattr(answer, name) + NOISE[name] * random.standard_normal(len(programme))
+        for name in channels})
+
+
+def a_set(device, channels=('voltage', 'charge', 'displacement')):
+    """Return two short recordings of a device: triangles and a force at a bias."""
+    rows = [programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.force(cycles=2)]
+    return RecordingSet('bench', tuple(
+        measure(device, programme, channels, seed) for seed, programme in enumerate(rows)))
+
+
+@pytest.fixture(scope='module')
+def diagnosed(device):
+    """Diagnose sets once, as several tests ask about the same."""
+    from piezo_stack_sim.gap import diagnose_set
+    cache = {}
+
+    def get(effects, channels=('voltage', 'charge', 'displacement'), scatter=0.0):
+        key = (str(effects), channels, scatter)
+        if key not in cache:
+            actuator = device.actuator
+            truth = device.with_effects(effects).replace(actuator=actuator.replace(
+                transformer_ratio=actuator.transformer_ratio * (1.0 + scatter),
+                stiffness=actuator.stiffness * (1.0 - scatter)))
+            cache[key] = diagnose_set(a_set(truth, channels), device, traces=False)
+        return cache[key]
+
+    return get
+
+
+def test_a_device_as_in_the_file_has_no_gap(diagnosed):
+    answer = diagnosed({})
+    assert answer['verdict'] == 'NO_GAP'
+    assert answer['selected'] == [] and answer['where']['block'] is None
+
+
+def test_scatter_within_the_stated_uncertainty_is_calibration_and_no_effect(diagnosed):
+    answer = diagnosed({}, scatter=0.01)
+    assert answer['verdict'] == 'NO_GAP'
+    fitted = answer['calibration']['transformer_ratio']
+    assert fitted['fitted'] == pytest.approx(10.1, abs=0.02)
+
+
+def test_a_gain_error_of_the_driver_shows_in_the_voltage_and_lies_in_the_drive(diagnosed):
+    answer = diagnosed({'amplifier_gain': {'gain_error': 0.01}})
+    assert answer['verdict'] == 'CAUSE' and answer['selected'] == ['amplifier_gain']
+    assert answer['where']['block'] == 'drive'
+    best = answer['causes'][0]['parameters']['gain_error']
+    assert best['value'] == pytest.approx(0.01, abs=5e-4)
+    assert answer['shrinkage']['displacement']['S'] > 0.95
+
+
+def test_a_compliance_before_the_sensor_is_found_and_the_gap_shrinks_to_the_noise(diagnosed):
+    answer = diagnosed({'series_compliance': {'compliance': 5e-9}})
+    assert answer['selected'] == ['series_compliance']
+    assert answer['where']['block'] == 'mechanical'
+    assert answer['shrinkage']['displacement']['S'] > 0.99
+    # The charge never saw it.
+    assert answer['gap']['charge']['over_noise'] < 1.1
+
+
+def test_without_voltage_and_charge_gain_errors_are_a_tie_and_answered_as_one(diagnosed):
+    answer = diagnosed({'sensor_gain': {'gain_error': 0.08}}, channels=('displacement',))
+    named = set(answer['ambiguity_set'])
+    assert 'sensor_gain' in named
+    if answer['verdict'] == 'AMBIGUOUS':
+        assert answer['next_experiment']['separation'] > 1.0
+
+
+def test_a_placebo_never_explains_a_gap(diagnosed):
+    for effects in ({'amplifier_gain': {'gain_error': 0.01}},
+                    {'series_compliance': {'compliance': 5e-9}}):
+        placebo = diagnosed(effects)['shrinkage']['placebo']['displacement']
+        assert placebo < 0.3
+
+
+def test_the_same_input_gives_the_same_answer(device):
+    from piezo_stack_sim.gap import diagnose_set
+    one, two = (diagnose_set(a_set(device, ('displacement',)), device, traces=False)
+                for _ in range(2))
+    assert one['causes'] == two['causes'] and one['verdict'] == two['verdict']
+
+
+def test_diagnoses_have_the_shape_that_others_rely_on(diagnosed):
+    from piezo_stack_sim.gap.schema import validate
+    for effects in ({}, {'amplifier_gain': {'gain_error': 0.01}}):
+        answer = diagnosed(effects)
+        validate({key: value for key, value in answer.items() if key[0] != '_'})
+
+
+def test_the_noise_is_estimated_from_the_data_alone(device):
+    recordings = a_set(device.with_effects({'sensor_gain': {'gain_error': 0.05}})).recordings
+    simulated = []
+    for recording in recordings:
+        answer = simulate(device, recording.time, recording.command, recording.external_force)
+        simulated.append({name: getattr(answer, name) for name in NOISE})
+    noise = estimate_noise(recordings, simulated)
+    for channel, level in NOISE.items():
+        assert noise[channel].rms == pytest.approx(level, rel=0.08)
+    evidence = prepare(recordings, simulated)
+    assert 0.4 < np.mean(evidence.tracks[0].fitted) < 0.6
+
+
+def test_the_period_of_a_repeated_command_is_found():
+    programme = programmes.multisine()
+    assert repetition(programme.command) == round(0.1 / programme.period)
+    assert repetition(np.linspace(0.0, 1.0, 1000)) == 0
+
+
+def test_correlated_rows_count_for_less():
+    random = np.random.default_rng(3)
+    white = random.standard_normal(20000)
+    slow = np.convolve(white, np.ones(50) / 50.0, 'same')
+    assert integrated_correlation(white) < 1.5
+    assert 30.0 < integrated_correlation(slow) < 80.0
+
+
+def test_equal_scores_share_the_probability():
+    tied = [Ranked('a', 100.0, 0.99, 1), Ranked('b', 100.0, 0.99, 1), Ranked('c', 0.0, 0.0, 1)]
+    chance = probabilities(tied)
+    assert chance[0] == pytest.approx(chance[1]) and chance[2] < 0.01
+    verdict = decide(tied, [], 0.99, 50.0, [])
+    assert verdict.word == 'AMBIGUOUS' and set(verdict.tie) == {'a', 'b'}
+
+
+@pytest.mark.parametrize('best, structure, word', [
+    (Ranked('a', 500.0, 0.99, 1), 20.0, 'CAUSE'),
+    (Ranked('a', 3.0, 0.99, 1), 0.05, 'NO_GAP'),
+    (Ranked('a', 500.0, 0.20, 1), 20.0, 'UNKNOWN'),
+    (Ranked('a', 3.0, 0.01, 1), 20.0, 'UNKNOWN')])
+def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, word):
+    assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
+
+
+def test_a_second_effect_counts_only_if_it_removes_what_the_first_leaves():
+    singles = [Ranked('a', 300.0, 0.80, 1), Ranked('b', 50.0, 0.1, 1)]
+    good = [Ranked('a+b', 500.0, 0.99, 2)]
+    poor = [Ranked('a+b', 310.0, 0.83, 2)]
+    assert decide(singles, good, 0.99, 50.0, []).word == 'MULTIPLE'
+    assert decide(singles, poor, 0.99, 50.0, []).word == 'CAUSE'
