@@ -191,6 +191,17 @@ def test_an_ambiguous_answer_counts_when_it_leaves_the_truth_open():
     assert not judge(label('one', ['friction']), tie)['right']
 
 
+def test_a_pair_is_judged_by_what_is_selected_not_by_the_best_single():
+    """The ranking may list single effects before pairs; the probability is that of the pair."""
+    answer = {'verdict': 'MULTIPLE', 'selected': ['creep', 'friction'], 'ambiguity_set': [],
+              'causes': [{'effect': 'creep', 'probability': 0.9},
+                         {'effect': 'friction+creep', 'probability': 0.7}],
+              'where': {'block': 'electrical'}}
+    row = judge(label('two', ['friction', 'creep']), answer)
+    assert row['both'] and row['right'] and row['block']
+    assert row['probability'] == 0.7 and row['probability_right']
+
+
 def test_an_effect_as_good_as_an_absent_one_is_counted_apart():
     """Backlash looks like friction: UNKNOWN is what is asked for, friction is noted."""
     friction = {'verdict': 'CAUSE', 'selected': ['friction'], 'where': {'block': 'mechanical'},

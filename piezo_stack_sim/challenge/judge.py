@@ -19,9 +19,18 @@ def first(answer):
 
 def named(answer):
     """Return the effects that an answer commits itself to, in order."""
-    if answer['verdict'] not in {'CAUSE', 'MULTIPLE', 'AMBIGUOUS'}:
-        return ()
-    return first(answer) or tuple(answer.get('selected', ()))
+    selected = tuple(answer.get('selected') or ())
+    if answer['verdict'] in {'CAUSE', 'MULTIPLE'}:
+        return selected or first(answer)
+    return first(answer) if answer['verdict'] == 'AMBIGUOUS' else ()
+
+
+def stated(answer):
+    """Return the candidate (dict) whose probability an answer stands for: named, or first."""
+    causes = answer.get('causes') or [{}]
+    names = set(named(answer))
+    return next((cause for cause in causes if set(cause.get('effect', '').split('+')) == names),
+                causes[0])
 
 
 def candidates(answer):
@@ -74,7 +83,7 @@ def judge(label, answer, shrinkage=None):
     one, two, absent = kind == 'one', kind == 'two', kind == 'absent'
     lookalikes = {name for effect in label['effects'] for name in effect['lookalikes']}
     ranked = first(answer)
-    top = (answer.get('causes') or [{}])[0]
+    top = stated(answer)
     row = {
         'kind': kind, 'hidden': truth, 'verdict': verdict,
         'channels': '+'.join(label['channels']), 'magnitude': magnitude(label),
@@ -98,7 +107,8 @@ def judge(label, answer, shrinkage=None):
         'right': right(kind, truth, verdict, names, open_set),
         'answered': names[0] if names else verdict,
         'probability': top.get('probability'),
-        'probability_right': set(ranked) == set(truth) if ranked else None,
+        'probability_right': (set(top['effect'].split('+')) == set(truth) if top.get('effect')
+                              else None),
         'confidence': answer.get('confidence'),
     }
     row['shrinkage'] = compare_shrinkage(answer, shrinkage or {})

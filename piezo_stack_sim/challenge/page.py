@@ -1,6 +1,7 @@
 """The score for readers: a Markdown page and the confusion matrix as a picture."""
 
 from pathlib import Path
+import re
 
 import jinja2
 import numpy as np
@@ -113,9 +114,10 @@ def page(score):
               ('how far the unit is from its file', score['by_unit']),
               ('what was hidden', score['by_kind']),
               ('effect', effects)]
-    return environment.from_string(TEMPLATE).render(
+    text = environment.from_string(TEMPLATE).render(
         score=score, questions=QUESTIONS, brief=BRIEF, kinds=KINDS, heads=HEADS,
         baselines=BASELINES, tables=tables)
+    return re.sub(r'\n{3,}', '\n\n', text)
 
 
 def draw_confusion(score):
