@@ -12,7 +12,7 @@ from piezo_stack_sim.identify.refine import Fit, LOOSE
 from piezo_stack_sim.identify.tracks import blocks
 
 CONFIDENCE = 1.959964  # standard deviations, 95 %
-WIDE = 0.10  # half width of an interval, relative, above which a parameter is not determined
+WIDE = 0.05  # half width of an interval, relative, above which a parameter is not determined
 SPLIT_NAMES = ('stiffness', 'linear_capacitance', 'transformer_ratio')
 
 
@@ -83,6 +83,7 @@ def estimates(fit: Fit) -> list[Estimate]:
 def _advice(name, fixed, layout, pushed, charged, frequency) -> str:
     beyond = ('a recording at higher voltage, in which the last element slips: until then every '
               'split of k + T^2/C and of 1/C + maxwell_stiffness[-1] predicts the same')
+    longer = 'more recordings in which the last element slips, or less noise'
     force = 'a recording of a known external force at a fixed voltage or with open leads'
     if not charged:
         force += ', with the charge measured'
@@ -96,7 +97,7 @@ def _advice(name, fixed, layout, pushed, charged, frequency) -> str:
     if name in SPLIT_NAMES or is_last or name.startswith('1/C'):
         if not {'T/C', 'k + T^2/C'} <= fixed and not pushed:
             return force
-        return beyond
+        return longer if layout.last_slips else beyond
     if not charged:
         return 'the charge, measured; else a known external force'
     return ('slow triangles from the relaxed state that pass its break charge in both directions, '

@@ -21,8 +21,9 @@ class Track:
     """
     One recording as the fit sees it.
 
-    ``number`` is its place in the set; ``measured`` and ``used`` map a channel to (m,) averages and to whether each
-    may be used, ``sigma`` to the standard deviation that weighs it.
+    ``number`` is its place in the set; ``measured`` and ``used`` map a channel to
+    (m,) averages and to whether each may be used, ``sigma`` to the standard
+    deviation that weighs it.
     """
 
     number: int

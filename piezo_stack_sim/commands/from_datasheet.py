@@ -1,0 +1,42 @@
+"""``piezo_stack from-datasheet``: a first parameter file from the numbers of a catalogue."""
+
+import click
+
+POSITIVE = click.FloatRange(min=0.0, min_open=True)
+
+
+@click.command('from-datasheet')
+@click.option('--free-stroke', type=POSITIVE, required=True, metavar='M',
+              help='Stroke without load over the voltage range, m.')
+@click.option('--blocking-force', type=POSITIVE, required=True, metavar='N',
+              help='Force against a wall at the highest voltage, N.')
+@click.option('--capacitance', type=POSITIVE, required=True, metavar='F',
+              help='Capacitance for large signals, F.')
+@click.option('--voltage-range', type=(float, float), required=True, metavar='LOW HIGH',
+              help='Lowest and highest voltage, V.')
+@click.option('--resonance', type=POSITIVE, metavar='HZ',
+              help='Resonance with one end held, Hz.')
+@click.option('--length', type=POSITIVE, metavar='M', help='Length of the stack, m.')
+@click.option('--area', type=POSITIVE, metavar='M2', help='Cross-section of the stack, m2.')
+@click.option('--mass', type=POSITIVE, metavar='KG', help='Mass of the stack, kg.')
+@click.option('--hysteresis', type=POSITIVE, metavar='SHARE',
+              help='Loop width over stroke, such as 0.15.')
+@click.option('--model', default='from data sheet', show_default=True, help='Name to write.')
+@click.option('--out', required=True, metavar='YAML', help='Parameter file to write.')
+def command(out, model, **numbers):
+    """Estimate the parameters of an actuator from its data sheet."""
+    from piezo_stack_sim.errors import InputError
+    from piezo_stack_sim.identify.datasheet import actuator_from, DataSheet
+    from piezo_stack_sim.plant.parameters import Device, device_from_mapping, save_device
+
+    low, high = numbers['voltage_range']
+    if not low < high:
+        raise InputError(f'--voltage-range {low:g} {high:g}: expected the lowest voltage first; '
+                         f'write {high:g} {low:g}')
+    actuator, assumed = actuator_from(DataSheet(**numbers), model)
+    device = device_from_mapping(Device(actuator).to_mapping(), 'the data sheet')
+    given = ', '.join(f'{name} {value}' for name, value in numbers.items() if value is not None)
+    lines = ['Estimated by piezo_stack from-datasheet, not measured. Given (SI units):',
+             f'  {given}.', 'Assumed:', *(f'  {line}.' for line in assumed)]
+    save_device(device, out, '\n'.join(lines))
+    click.echo('\n'.join([*lines[2:], f'{out}: written']))

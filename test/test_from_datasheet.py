@@ -1,0 +1,57 @@
+"""``piezo_stack from-datasheet``: an actuator that shows what its catalogue says."""
+
+import math
+
+from piezo_stack_sim.cli import main
+from piezo_stack_sim.identify.datasheet import actuator_from, DataSheet
+from piezo_stack_sim.plant import load_device, simulate
+from piezo_stack_sim.plant.analysis import voltage_row
+from piezo_stack_sim.plant.parameters import Device
+import pytest
+
+SHEET = {'free_stroke': 17.4e-6, 'blocking_force': 850.0, 'capacitance': 1.4e-6,
+         'voltage_range': (0.0, 150.0), 'resonance': 34.5e3}
+ARGUMENTS = ['from-datasheet', '--free-stroke', '17.4e-6', '--blocking-force', '850',
+             '--capacitance', '1.4e-6', '--voltage-range', '0', '150']
+
+
+@pytest.mark.parametrize('hysteresis', [0.08, 0.15, 0.2])
+def test_the_actuator_shows_stroke_charge_loop_and_force_of_its_sheet(hysteresis):
+    actuator, _ = actuator_from(DataSheet(**SHEET, hysteresis=hysteresis))
+    row = voltage_row(Device(actuator), 150.0)
+    assert row.stroke == pytest.approx(17.4e-6, rel=0.01)
+    assert row.capacitance == pytest.approx(1.4e-6, rel=0.01)
+    assert row.loop_width_share == pytest.approx(hysteresis, rel=0.02)
+    assert row.blocked_force == pytest.approx(850.0, rel=0.05)
+
+
+def test_a_sheet_of_a_bigger_stack_scales():
+    actuator, _ = actuator_from(DataSheet(80e-6, 3500.0, 20e-6, (-20.0, 120.0), mass=0.08))
+    row = voltage_row(Device(actuator.replace(voltage_range=(0.0, 140.0))), 140.0)
+    assert row.stroke == pytest.approx(80e-6, rel=0.02)
+    assert actuator.mass == pytest.approx(0.08 / 3.0)
+
+
+def test_the_file_loads_runs_and_says_what_was_assumed(tmp_path, capsys):
+    out = tmp_path / 'sheet.yaml'
+    assert main([*ARGUMENTS, '--length', '0.02', '--area', '25e-6', '--out', str(out)]) == 0
+    text = out.read_text(encoding='utf-8')
+    for word in ('not measured', 'density 7500', 'hysteresis 0.15', 'damping ratio'):
+        assert word in text
+    assert 'density' in capsys.readouterr().out
+    device = load_device(out)
+    assert math.isinf(device.actuator.maxwell_break_voltage[-1])
+    response = simulate(device, [0.0, 0.01, 0.02], [100.0, 100.0, 100.0])
+    assert 5e-6 < response.displacement[-1] < 20e-6
+
+
+@pytest.mark.parametrize('arguments, words', [
+    ([*ARGUMENTS], '--mass'),
+    ([*ARGUMENTS, '--mass', '4e-3', '--hysteresis', '15'], '0.15'),
+    ([*ARGUMENTS[:4], '8.5e6', *ARGUMENTS[5:], '--mass', '4e-3'], 'check the units'),
+    ([*ARGUMENTS[:-2], '150', '0', '--mass', '4e-3'], 'write 0 150'),
+])
+def test_wrong_numbers_are_named(arguments, words, tmp_path, capsys):
+    assert main([*arguments, '--out', str(tmp_path / 'x.yaml')]) == 2
+    error = capsys.readouterr().err
+    assert words in error and error.count('\n') == 1
