@@ -1,4 +1,4 @@
-"""The diagnosis on devices of the plant with one effect on: what it must see, and must not claim."""
+"""The diagnosis on devices with one known effect: what it must see, and must not claim."""
 
 import numpy as np
 from piezo_stack_sim.gap.evidence import prepare
