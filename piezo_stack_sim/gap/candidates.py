@@ -23,6 +23,7 @@ WORTH = 15.0  # fall of the cost below which nothing can come of it
 SHORT = 1  # Gauss-Newton steps for the others
 PARTNERS = 5  # second effects that get a whole fit
 PAIR_STEPS = 4
+POLISHING = 8
 
 
 @dataclass
@@ -77,6 +78,20 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
         if name not in search.fits or fit.cost < search.fits[name].cost:
             search.fits[name] = fit
     return search
+
+
+def polish(fitter: Fitter, search: Search, count: int) -> None:
+    """Fit the best hypotheses to the end: a screening fit stops where it is clear enough."""
+    best = sorted(search.fits, key=lambda name: search.fits[name].cost)[:count]
+    worth = [name for name in best if search.nominal.cost - search.fits[name].cost > WORTH]
+
+    def whole(name):
+        fit = search.fits[name]
+        return name, fitter.fit(fit.effects, fit.phi, POLISHING)
+
+    for name, fit in parallel(whole, worth):
+        if fit.cost <= search.fits[name].cost:
+            search.fits[name] = fit
 
 
 def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,

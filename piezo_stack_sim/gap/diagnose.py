@@ -16,7 +16,8 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
-from piezo_stack_sim.gap.candidates import Search, search_partners, search_singles
+from piezo_stack_sim.gap.candidates import (
+    polish, Search, search_partners, search_singles)
 from piezo_stack_sim.gap.evidence import Evidence, prepare
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_set, spans
@@ -30,6 +31,7 @@ from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
 
+POLISHED = 3  # single effects that are fitted to the end before they are judged
 BASES = 2  # single effects from which pairs are tried
 
 
@@ -77,6 +79,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     fitter.prepare(parallel)
     extent = extent_of(evidence, fitter.base, spans(evidence))
     search = search_singles(fitter, extent, progress)
+    polish(fitter, search, POLISHED)
     names = [name for name in search.fits if '+' not in name]
     judge = Judge.from_residual(
         evidence, min((search.fits[n] for n in names), key=lambda f: f.cost).residual,

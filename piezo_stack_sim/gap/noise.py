@@ -67,7 +67,8 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
             third = np.diff(residual, 3)
             white.setdefault(channel, []).append(
                 np.median(np.abs(third)) / _MAD / math.sqrt(_THIRD_DIFFERENCE))
-            if period:
+            # A gap of its own at high frequency would pass for noise.
+            if period and white[channel][-1] < 1.2 * min(white[channel]):
                 repeats.setdefault(channel, []).append(
                     _from_repeats(residual, period, recording.command))
     result = {}
