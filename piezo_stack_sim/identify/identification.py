@@ -119,6 +119,7 @@ def identify(recordings: RecordingSet, start: Device | None = None,
         vector = descend(layout, vector, inside, steps=10, told=told)
         told('last element')
         layout, vector = let_last_slip(layout, vector, tracks, beyond, curves[0].span)
+    vector = find_motion(layout, vector, tracks)
     fit = refine(layout, vector, tracks, told)
     found = layout.actuator(fit.vector).replace(model=f'identified from {recordings.name}')
     place = layout.size - len(layout.polarised)

@@ -15,6 +15,7 @@ from scipy.optimize import least_squares, nnls
 
 FEWEST = 2  # points in a piece
 MOST = 12  # elements tried when their number is not given
+EXACT = 1e-6  # of the largest voltage: an error that no element mends
 BETTER = 0.93  # an element more must bring the held-out error below this share
 
 
@@ -65,10 +66,10 @@ def fit_pieces(charge, voltage, weight, n: int) -> Pieces:
         ends, stiffness = solve(walk)
         return (_basis(charge, ends) @ stiffness - voltage) * root
 
-    walk = np.log(ends)
+    least, most = charge[charge > 0.0][0], charge[-1]
+    walk = np.log(np.clip(ends, least * (1.0 + 1e-9), most * (1.0 - 1e-9)))
     if walk.size:
-        low, high = np.log(charge[charge > 0.0][0]), np.log(charge[-1])
-        walk = np.clip(walk, low + 1e-9, high - 1e-9)
+        low, high = np.log(least), np.log(most)
         walk = least_squares(misfit, walk, bounds=(low, high), xtol=1e-10, ftol=1e-12,
                              max_nfev=60).x
     ends, stiffness = solve(walk)
@@ -87,6 +88,8 @@ def choose_pieces(charge, voltage, weight, most: int = MOST) -> Pieces:
         errors.append(float(np.sqrt(np.average(miss ** 2, weights=weight[~seen]))))
     best = 0
     for n in range(1, len(errors)):
+        if errors[best] < EXACT * voltage[-1]:
+            break
         if errors[n] < BETTER ** (n - best) * errors[best]:
             best = n
     return fit_pieces(charge, voltage, weight, best + 1)

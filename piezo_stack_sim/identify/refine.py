@@ -22,7 +22,7 @@ LOOSE = 1.5  # standard deviation of the weak belief in the start, of a logarith
 FREE = 300.0  # the same while the weights are not yet those of the noise
 LARGEST = 1.0  # change of a logarithm in one step
 STEPS = (15, 10)  # at most, each round weighed by what the one before left
-ENOUGH = 1e-4  # relative fall of the cost below which a round has arrived
+ENOUGH = 0.01  # fall of the cost, in units of its mean per row, below which it has arrived
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def descend(layout: Layout, vector, tracks, free=None, steps=15, start=None, tol
             damping = max(damping, 1e-6) * 10.0
         else:
             break
-        fall = (cost - new) / cost
+        fall = (cost - new) / cost * residual.size
         vector, residual, cost = vector + change, moved, new
         damping = max(damping / 10.0, 1e-12)
         if told:

@@ -141,24 +141,21 @@ def _largest_share(last, a, ratio, stiff) -> float:
 
 
 def find_motion(layout: Layout, vector, tracks) -> np.ndarray:
-    """Return the vector with the mass and damping that fit best of a coarse grid."""
+    """Return the vector with the best mass and damping: its own, or of a coarse grid."""
     stiff = math.exp(vector[1])
     fast = sorted(range(len(tracks)), key=lambda i: _quickness(tracks[i].recording))[-3:]
     chosen = [tracks[i] for i in fast]
-    here = Layout(layout.device, layout.n, layout.last_slips)  # none polarised yet
 
     def trial(pair):
         frequency, ratio = pair
-        moved = vector[:here.size].copy()
+        moved = vector.copy()
         m = stiff / (2.0 * math.pi * frequency) ** 2
         moved[MASS], moved[DAMPING] = math.log(m), math.log(2.0 * ratio * math.sqrt(stiff * m))
-        return float(np.sum(weighted(chosen, misfits(here, moved, chosen)) ** 2)), moved
+        return float(np.sum(weighted(chosen, misfits(layout, moved, chosen)) ** 2)), moved
 
-    found = min(parallel(trial, [(f, z) for f in FREQUENCIES for z in DAMPING_RATIOS]),
-                key=lambda pair: pair[0])[1]
-    result = vector.copy()
-    result[[MASS, DAMPING]] = found[[MASS, DAMPING]]
-    return result
+    cost = float(np.sum(weighted(chosen, misfits(layout, vector, chosen)) ** 2))
+    trials = parallel(trial, [(f, z) for f in FREQUENCIES for z in DAMPING_RATIOS])
+    return min([(cost, vector), *trials], key=lambda pair: pair[0])[1]
 
 
 def _quickness(recording) -> float:
