@@ -57,6 +57,7 @@ def schedule(sets, seed):
     sources = {'one': sorted(KNOWN), 'absent': sorted(FOREIGN)}
     out = []
     for kind in kinds:
+        ids: tuple[str, ...]
         if kind == 'none':
             ids = ()
         elif kind == 'two':
