@@ -30,6 +30,7 @@ def draw(effect: Effect, device: Device, values: dict[str, float], test: str | N
     Parameters
     ----------
     effect : Effect
+        What is drawn.
     device : Device
         The device without it.
     values : dict of str to float
