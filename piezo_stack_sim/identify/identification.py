@@ -112,8 +112,12 @@ def identify(recordings: RecordingSet, start: Device | None = None,
     layout = Layout(device, len(actuator.maxwell_stiffness), False)
     told('mass and damping')
     vector = find_motion(layout, layout.vector(actuator), tracks)
-    layout, vector = find_polarised(layout, vector, tracks)
     beyond = reaching_beyond(layout, vector, tracks, curves[0].span)
+    # What an element that slips for the first time leaves behind looks like an earlier history.
+    suspects = [track for i, track in enumerate(tracks)
+                if i not in beyond or not curves[0].relaxed]
+    layout, vector = find_polarised(layout, vector, suspects)
+    beyond = [i for i in beyond if tracks[i].number not in layout.polarised]
     inside = [track for i, track in enumerate(tracks) if i not in beyond]
     if beyond and inside:
         vector = descend(layout, vector, inside, steps=10, told=told)

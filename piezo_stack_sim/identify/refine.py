@@ -74,7 +74,10 @@ def refine(layout: Layout, vector, tracks, told=None) -> Fit:
                          loose=LOOSE if number else FREE)
     tracks = reweighted(tracks, misfits(layout, vector, tracks))
     residual = _residual(layout, vector, tracks)
-    jacobian = _jacobian(layout, vector, tracks, residual, range(vector.size))
+    # Where an element is about to slip the two sides differ: intervals need their mean.
+    free = range(vector.size)
+    jacobian = 0.5 * (_jacobian(layout, vector, tracks, residual, free)
+                      + _jacobian(layout, vector, tracks, residual, free, -STEP))
     return Fit(layout, vector, tracks, residual, jacobian, start)
 
 
@@ -152,11 +155,11 @@ def _residual(layout, vector, tracks) -> np.ndarray:
         return np.full(rows, 1e6)
 
 
-def _jacobian(layout, vector, tracks, residual, free) -> np.ndarray:
+def _jacobian(layout, vector, tracks, residual, free, step=STEP) -> np.ndarray:
     def column(j):
         moved = vector.copy()
-        moved[j] += STEP
-        return (_residual(layout, moved, tracks) - residual) / STEP
+        moved[j] += step
+        return (_residual(layout, moved, tracks) - residual) / step
 
     return np.column_stack(parallel(column, free))
 

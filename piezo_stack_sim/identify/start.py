@@ -16,6 +16,7 @@ from piezo_stack_sim.plant.parameters import Actuator, Device
 
 SLOW = 2e-3  # s in which a slow recording passes through its span at the least
 FEWEST_VOLTS = 1e-3  # an element of less is none
+REMANENT = 0.4  # of the cost: an earlier history must explain that much
 FREQUENCIES = np.geomspace(300.0, 3e5, 31)  # Hz, tried for the open-lead resonance
 DAMPING_RATIOS = (0.02, 0.1, 0.4)
 
@@ -183,9 +184,9 @@ def find_polarised(layout: Layout, vector, tracks) -> tuple[Layout, np.ndarray]:
             return 0.0
         costs = [cost(track, peak) for peak in (0.0, *peaks)]
         j = int(np.argmin(costs))
-        return float(peaks[j - 1]) if j and costs[j] < 0.7 * costs[0] else 0.0
+        return float(peaks[j - 1]) if j and costs[j] < REMANENT * costs[0] else 0.0
 
-    found = dict(enumerate(parallel(best, tracks)))
+    found = dict(zip((track.number for track in tracks), parallel(best, tracks)))
     polarised = tuple(i for i, peak in found.items() if peak)
     new = Layout(layout.device, layout.n, layout.last_slips, polarised)
     return new, np.concatenate([vector[:layout.size],

@@ -1,0 +1,203 @@
+"""``piezo_stack identify``: a known device comes back from what it answered."""
+
+from functools import cache
+import math
+from pathlib import Path
+
+import numpy as np
+from piezo_stack_sim.cli import main
+from piezo_stack_sim.identify.identification import identify
+from piezo_stack_sim.identify.piecewise import choose_pieces, fit_pieces
+from piezo_stack_sim.identify.repeats import known, noisy, replayed
+from piezo_stack_sim.identify.rising import rising_curves, thin
+from piezo_stack_sim.identify.vector import Layout
+from piezo_stack_sim.plant import Device, load_device, simulate
+from piezo_stack_sim.plant.quasi_static import lead
+from piezo_stack_sim.recording import programmes, RecordingSet
+from piezo_stack_sim.recording.preflight import preflight
+from piezo_stack_sim.recording.read import read_set
+from piezo_stack_sim.recording.write import write_csv_set
+import pytest
+
+PAPER = Device.nominal()
+# A stack unlike the paper's, so that what is found was not there from the start.
+STACK = PAPER.replace(actuator={
+    'model': 'other', 'mass': 0.02, 'stiffness': 9e6, 'damping': 400.0,
+    'linear_capacitance': 4e-6, 'transformer_ratio': 22.0,
+    'maxwell_stiffness': (3e5, 8e4, 6e4, 2e5), 'maxwell_break_voltage': (0.6, 1.6, 4.8, math.inf),
+    'voltage_range': (0.0, 90.0)})
+POLARISED = STACK.replace(actuator={
+    'maxwell_break_voltage': (*STACK.actuator.maxwell_break_voltage[:-1], 1e5)}).with_effects(
+        {'initial_polarisation': {'peak_voltage': 90.0}})
+CHANNELS = ('charge', 'displacement')
+REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
+with_reference = pytest.mark.skipif(not REFERENCE.is_dir(), reason='no reference recordings here')
+
+
+def answered(*recordings, channels=CHANNELS, device=STACK):
+    """Return the recordings with what the device answers."""
+    return replayed([each.replace(measured=dict.fromkeys(channels, each.time))
+                     for each in recordings], device)
+
+
+def slow():
+    return programmes.triangle(peaks=(40.0, 90.0), rate=5e3)
+
+
+def quick():
+    return programmes.multisine(period=0.04, periods=2, lines=25, band=(50.0, 9000.0), rate=40e3)
+
+
+def push():
+    return programmes.force(cycles=2, rate=5e3)
+
+
+@cache
+def found_from_noise(seed):
+    return identify(noisy(answered(slow(), quick(), push()), seed))
+
+
+def by_name(found):
+    return {each.name: each for each in found.estimates}
+
+
+def rising(*recordings):
+    return thin(rising_curves(recordings, 1.0))
+
+
+@pytest.mark.parametrize('n', [1, 3, 5])
+def test_straight_pieces_are_found_where_they_are(n):
+    ends = np.array([2e-6, 9e-6, 20e-6, 50e-6])[:n - 1]
+    stiffness = np.array([9e5, 4e5, 2e5, 1e5, 5e5])[:n]
+    charge = np.linspace(1e-7, 100e-6, 400)
+    voltage = np.minimum(charge[:, None], np.append(ends, np.inf)) @ stiffness
+    for pieces in (fit_pieces(charge, voltage, np.ones(400), n),
+                   choose_pieces(charge, voltage, np.ones(400))):
+        assert pieces.stiffness == pytest.approx(stiffness, rel=1e-3)
+        assert pieces.break_charge == pytest.approx(ends, rel=1e-3)
+
+
+def test_the_rising_curve_is_that_of_the_relaxed_device():
+    charge, voltage, _ = rising(*answered(slow()))
+    assert voltage == pytest.approx(
+        lead(STACK, charge, drive='charge').voltage, abs=0.02 * 90.0 / 20.0)
+
+
+def test_half_a_branch_is_the_rising_curve_where_nothing_began_relaxed():
+    curve, = rising_curves(answered(slow(), device=POLARISED), 1.0)
+    assert not curve.relaxed
+    relaxed = lead(STACK, curve.charge, drive='charge').voltage
+    assert np.abs(relaxed - curve.voltage).max() < 0.2
+
+
+def test_the_vector_and_back():
+    for device, slips in ((STACK, False), (PAPER, True)):
+        layout = Layout(device, len(device.actuator.maxwell_stiffness), slips)
+        back = layout.actuator(layout.vector(device.actuator))
+        for name, value in known(device).items():
+            if math.isfinite(value):
+                assert known(device.replace(actuator=back))[name] == pytest.approx(value)
+
+
+def test_the_device_comes_back_through_noise_and_intervals_cover_it():
+    truth, covered = known(STACK), []
+    for seed in range(3):
+        found = found_from_noise(seed)
+        assert found.fit.layout.n == 4
+        for each in found.estimates:
+            if each.determined:
+                assert each.value == pytest.approx(truth[each.name], rel=0.05), each.name
+                covered.append(each.low <= truth[each.name] <= each.high)
+    assert len(covered) > 30
+    assert np.mean(covered) >= 0.85  # three repeats: `identify.repeats` counts fifty
+
+
+def test_what_never_slips_leaves_stiffness_capacitance_and_ratio_open():
+    estimates = by_name(found_from_noise(0))
+    assert not estimates['stiffness'].determined
+    assert 'higher voltage' in estimates['stiffness'].advice
+    for name in ('T/C', 'k + T^2/C', '1/C + maxwell_stiffness[-1]', 'mass', 'damping'):
+        assert estimates[name].determined, name
+
+
+def test_a_slow_ramp_alone_leaves_mass_and_damping_unknown():
+    time = np.arange(0.0, 1.0, 1e-3)
+    ramp = programmes.triangle().replace(
+        name='ramp', time=time, command=90.0 * np.minimum(time / 0.5, 2.0 - time / 0.5),
+        external_force=np.zeros(time.size), has_force=False)
+    estimates = by_name(identify(noisy(answered(ramp), 1)))
+    for name in ('mass', 'damping'):
+        assert not estimates[name].determined
+        assert 'multisine' in estimates[name].advice
+
+
+def test_recordings_that_were_not_used_are_predicted():
+    found = found_from_noise(0)
+    for unseen in (programmes.decay(duration=0.15), programmes.triangle(
+            peaks=(70.0, 25.0), frequency=50.0, rate=10e3)):
+        true, = answered(unseen)
+        guess = simulate(found.device, unseen.time, unseen.command)
+        stroke = np.ptp(true.measured['displacement'])
+        miss = np.sqrt(np.mean((guess.displacement - true.measured['displacement']) ** 2))
+        assert miss < 0.002 * stroke
+
+
+def test_displacement_stands_in_for_charge():
+    found = identify(noisy(answered(slow(), quick(), channels=('displacement',)), 2))
+    assert found.curves[0].proxy
+    unseen, = answered(programmes.triangle(peaks=(60.0, 30.0), rate=5e3))
+    guess = simulate(found.device, unseen.time, unseen.command)
+    stroke = np.ptp(unseen.measured['displacement'])
+    assert np.abs(guess.displacement - unseen.measured['displacement']).max() < 0.01 * stroke
+
+
+def test_an_earlier_polarisation_is_found():
+    recordings = noisy([*answered(slow(), device=POLARISED), *answered(push(), quick())], 3)
+    found = identify(recordings, elements=4)
+    assert set(found.polarised) == {'triangle'}
+    estimates, truth = by_name(found), known(STACK)
+    for name in ('maxwell_stiffness[1]', 'maxwell_break_voltage[2]', 'T/C', 'mass'):
+        assert estimates[name].value == pytest.approx(truth[name], rel=0.05)
+
+
+def test_values_that_preflight_invented_are_not_fitted():
+    given = answered(slow())[0]
+    charge = given.measured['charge'].copy()
+    charge[100:103] = np.nan
+    given = given.replace(measured={**given.measured, 'charge': charge},
+                          rows=np.arange(2, charge.size + 2))
+    checked, _ = preflight(RecordingSet('set', (given,)))
+    from piezo_stack_sim.identify.tracks import make_tracks
+    track, = make_tracks(checked.recordings, {given.name: given})
+    assert (np.flatnonzero(~track.used['charge']) == [100, 101, 102]).all()
+
+
+def test_the_command_writes_a_file_that_starts_a_device(tmp_path, capsys):
+    write_csv_set(noisy(answered(slow(), quick(), push()), 4), tmp_path / 'set')
+    out = tmp_path / 'actuator.yaml'
+    assert main(['identify', str(tmp_path / 'set'), '--out', str(out), '--elements', '4']) == 0
+    printed, text = capsys.readouterr().out, out.read_text(encoding='utf-8')
+    for words in ('Not determined by these recordings: stiffness', 'maxwell_break_voltage[2]'):
+        assert words in printed
+    for words in ('NOT DETERMINED', 'Rising curve: triangle', 'To determine'):
+        assert words in text
+    device = load_device(out)
+    assert len(device.actuator.maxwell_stiffness) == 4
+    assert device.actuator.mass == pytest.approx(STACK.actuator.mass, rel=0.05)
+
+
+def test_a_set_without_a_slow_rise_is_refused(tmp_path, capsys):
+    write_csv_set(RecordingSet('set', tuple(answered(push()))), tmp_path / 'set')
+    assert main(['identify', str(tmp_path / 'set'), '--out', str(tmp_path / 'x.yaml')]) == 2
+    error = capsys.readouterr().err
+    assert 'triangle' in error and error.count('\n') == 1
+    assert not (tmp_path / 'x.yaml').exists()
+
+
+@with_reference
+def test_the_paper_s_device_comes_back_from_the_reference_recordings():
+    found, truth = identify(read_set(REFERENCE)), known(PAPER)
+    estimates = by_name(found)
+    for name, value in truth.items():
+        bar = 0.01 if name.startswith('maxwell') else 0.005
+        assert estimates[name].value == pytest.approx(value, rel=bar), name
