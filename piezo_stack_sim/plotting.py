@@ -160,6 +160,7 @@ def plot(axes: Any, x_values: Any, y_values: Any, *, x: str, y: str, **options: 
     Parameters
     ----------
     axes : matplotlib axes
+        Where to draw.
     x_values, y_values : (n,) array_like
         In SI units.
     x, y : str
@@ -195,6 +196,7 @@ def save(figure: Any, stem: str | os.PathLike[str],
     Parameters
     ----------
     figure : matplotlib figure
+        What to save.
     stem : path
         Path without suffix; missing folders are made.
     suffixes : tuple of str

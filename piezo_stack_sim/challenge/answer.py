@@ -41,6 +41,7 @@ def answer(public, diagnose, jobs=None, scheduler=None, again=False, progress=No
     Parameters
     ----------
     public : str or Path
+        Folder of the batch.
     diagnose : callable
         ``diagnose(set_folder, parameter_file) -> (diagnosis, predictions)``, importable by
         worker processes: a dict in the form of diagnosis.json, and a dict of thinned traces to

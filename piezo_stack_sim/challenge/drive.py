@@ -48,6 +48,7 @@ def segments(drive, time, command, force):
     Parameters
     ----------
     drive : Drive
+        What stands between command and terminals.
     time : (n,) array
         Row times in s; the last row's command never takes effect within the recording.
     command, force : (n,) array

@@ -106,6 +106,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
     Parameters
     ----------
     p : Stack
+        Parameters of the device, in the order of this module.
     state : (STATES + n,) array
         Changed in place to the state at the end; see the layout above.
     starts : (s + 1,) array

@@ -111,6 +111,7 @@ def draw(random, needed=()):
     Parameters
     ----------
     random : numpy.random.Generator
+        Source of the random numbers.
     needed : tuple of str
         Recordings that must not be left out.
 

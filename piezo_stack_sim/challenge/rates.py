@@ -14,6 +14,7 @@ def wilson(hits, of):
     Parameters
     ----------
     hits, of : int
+        Successes, and how many there were.
 
     Returns
     -------
@@ -45,7 +46,9 @@ def calibration(probabilities, outcomes, bins=10):
     Parameters
     ----------
     probabilities : (n,) sequence of float
+        What each answer claimed.
     outcomes : (n,) sequence of bool
+        Whether each answer was right.
     bins : int
         Equal-width bins of the expected calibration error.
 

@@ -111,6 +111,7 @@ def measure(sensing, trace, time, index):
     Parameters
     ----------
     sensing : Sensing
+        What the sensors do.
     trace : (5, r) array
         Time, voltage, charge, displacement, force as the integrator returns them.
     time : (n,) array

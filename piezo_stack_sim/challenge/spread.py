@@ -16,6 +16,7 @@ def spread(function, tasks, jobs=None, scheduler=None):
     function : callable
         Importable by name; keeps its result on disk.
     tasks : sequence of tuple
+        What is to be done.
     jobs : int, optional
         Processes on this machine, as many as there are cores by default; 1 is this process.
     scheduler : str, optional

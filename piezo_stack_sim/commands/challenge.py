@@ -107,6 +107,7 @@ def diagnose(recordings, parameter_file):
     Parameters
     ----------
     recordings, parameter_file : Path
+        The set and the file of its nominal device.
 
     Returns
     -------

@@ -34,7 +34,7 @@ class Parameter:
 
     @property
     def start(self) -> float:
-        """The value of a parameter that a file does not give."""
+        """Return the value of a parameter that a file does not give."""
         return self.neutral if self.default is None else self.default
 
 

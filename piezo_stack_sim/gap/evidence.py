@@ -49,7 +49,7 @@ class Track:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The measured channels, in a fixed order."""
+        """Return the measured channels, in a fixed order."""
         return tuple(self.measured)
 
     def average(self, values: np.ndarray) -> np.ndarray:
@@ -66,7 +66,7 @@ class Evidence:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that at least one recording measured."""
+        """Return the channels that at least one recording measured."""
         return tuple(c for c in CHANNELS if any(c in track.measured for track in self.tracks))
 
     @property

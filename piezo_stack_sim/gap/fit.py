@@ -47,7 +47,7 @@ class Free:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The bounds of the walk."""
+        """Return the bounds of the walk."""
         return self.to_walk(self.parameter.lower), self.to_walk(self.parameter.upper)
 
 

@@ -87,6 +87,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         device leaves in a track.
     classes : list of list of str
         Effects that these recordings cannot tell apart.
+    thresholds : Thresholds
+        What was learned on the development set.
 
     """
     t = thresholds

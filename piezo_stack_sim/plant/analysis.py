@@ -50,6 +50,7 @@ def sticking_elastance(device: Device, first: int = 1) -> float:
     Parameters
     ----------
     device : Device
+        The device.
     first : int
         Elements ``first`` to n stick, the others slip; 1 is a small signal, n + 1 none sticks.
 
@@ -149,6 +150,7 @@ def voltage_row(device: Device, voltage: float) -> VoltageRow:
     Parameters
     ----------
     device : Device
+        The device.
     voltage : float
         Peak voltage (V), not zero.
 
@@ -192,6 +194,7 @@ def force_row(device: Device, force: float) -> ForceRow:
     Parameters
     ----------
     device : Device
+        The device.
     force : float
         Size of the squeeze (N), positive.
 
@@ -283,6 +286,7 @@ def analyse(device: Device, voltages=None, forces=None) -> dict:
     Parameters
     ----------
     device : Device
+        The device.
     voltages : sequence of float, optional
         Peak voltages (V) of the table; ten steps up to the highest one if not given.
     forces : sequence of float, optional

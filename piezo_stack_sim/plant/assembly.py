@@ -39,6 +39,7 @@ class Model:
         Stiffness (V/C) and break voltage (V) of the Maxwell elements, Table 2.
     reference : Reference
         Scales of the actuator before any effect changed it.
+
     """
 
     m: float

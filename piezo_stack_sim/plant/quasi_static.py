@@ -164,6 +164,7 @@ def cycle(device: Device, low: float, high: float, points: int = 401) -> Path:
     Parameters
     ----------
     device : Device
+        The device.
     low, high : float
         V.
     points : int
@@ -193,6 +194,7 @@ def force_cycle(device: Device, low: float, high: float, voltage: float = 0.0,
     Parameters
     ----------
     device : Device
+        The device.
     low, high : float
         N, positive in the direction of extension: the device is squeezed by a negative force.
     voltage : float

@@ -22,6 +22,7 @@ def charge_to_displacement(device: Device, frequency):
     Parameters
     ----------
     device : Device
+        The device.
     frequency : array_like, shape (n,)
         Hz.
 

@@ -18,6 +18,7 @@ def rest(system: System, s: np.ndarray, q: float, v: float, inputs: np.ndarray,
     Parameters
     ----------
     system : System
+        The device as the kernel takes it.
     s : numpy.ndarray, shape (N,)
         States; those not in ``free`` are held.
     q, v : float

@@ -96,6 +96,7 @@ def netlist(device: Device, time, command, external_force=None, drive: str = 'vo
     Parameters
     ----------
     device : Device
+        The device.
     time : array_like, shape (n,)
         Increasing times (s) from zero.
     command : array_like, shape (n,)

@@ -214,7 +214,7 @@ class Plant:
 
     @property
     def state(self) -> PlantState:
-        """The whole memory of the device, independent of later steps."""
+        """Return the whole memory of the device, independent of later steps."""
         return PlantState(
             self.time, self.drive, dict(zip(self._system.state_names, self._s.tolist())),
             self._p.tolist(), self._flags.tolist(), self._inputs.tolist(),
@@ -413,7 +413,7 @@ class Plant:
 
     @property
     def held_source(self) -> float:
-        """The source value (V or C) that rules until the first command arrives."""
+        """Return the source value (V or C) that rules until the first command arrives."""
         return float(self._commands[0])
 
     @property
@@ -423,7 +423,7 @@ class Plant:
 
     @property
     def system(self) -> System:
-        """The device as the kernel takes it."""
+        """Return the device as the kernel takes it."""
         return self._system
 
     @property
