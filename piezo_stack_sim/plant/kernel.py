@@ -373,6 +373,8 @@ def move_charge(q0, target, slope_cap, real, flags, p, r, k, v_break, opposing_q
     flags[F_DIR] = direction
     while slip < n:
         edge = p[slip] + direction * r[slip]
+        if not math.isfinite(edge):
+            break  # an element that never slips
         if direction * (q - edge) < 0.0:
             at_edge = edge + slope_cap * (a + stiff * edge + _smooth_voltage(edge, real))
             if direction * (target - at_edge) < 0.0:
