@@ -55,6 +55,7 @@ def actuator_from(sheet: DataSheet, model: str = 'from data sheet'
     Parameters
     ----------
     sheet : DataSheet
+        The catalogue numbers.
     model : str
         Name of the actuator.
 

@@ -45,7 +45,7 @@ class Identification:
 
     @property
     def undetermined(self) -> list[Estimate]:
-        """The parameters that these recordings do not determine."""
+        """Return the parameters that these recordings do not determine."""
         return [each for each in self.estimates if not each.determined]
 
     def misfit(self) -> list[tuple[str, str, float, float]]:

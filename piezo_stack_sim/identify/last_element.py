@@ -42,6 +42,7 @@ def let_last_slip(layout: Layout, vector, tracks, beyond, reach: float
     layout, vector
         The device whose last element sticks, fitted to the other recordings.
     tracks : list of Track
+        The recordings, prepared.
     beyond : list of int
         As `reaching_beyond` returns them.
     reach : float

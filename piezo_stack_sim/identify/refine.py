@@ -43,7 +43,7 @@ class Fit:
 
     @property
     def misfits(self) -> list[dict[str, np.ndarray]]:
-        """What the fit leaves of every channel of every track, SI units."""
+        """Return what the fit leaves of every channel of every track, SI units."""
         return misfits(self.layout, self.vector, self.tracks)
 
 
@@ -54,9 +54,11 @@ def refine(layout: Layout, vector, tracks, told=None) -> Fit:
     Parameters
     ----------
     layout : Layout
+        Which numbers are free.
     vector : ndarray, shape (p,)
         Where to start.
     tracks : list of Track
+        The recordings, prepared.
     told : callable, optional
         Called with a line of progress after every step.
 

@@ -100,11 +100,12 @@ def _curve_of(recording, charge_per_displacement) -> Curve | None:
         rise = np.interp(grid, *_monotone(charge[first], voltage[first]))
         relaxed = np.abs(rise - np.interp(grid, *half)).max() < ALIKE * rise[-1]
     if relaxed:
-        q, v = charge[first], voltage[first]
-        return Curve(recording.name, *_monotone(q, v), True, proxy)
+        q, v = _monotone(charge[first], voltage[first])
+        return Curve(recording.name, q, v, True, proxy)
     if half is None:
         return None
-    return Curve(recording.name, *half, False, proxy)
+    q, v = half
+    return Curve(recording.name, q, v, False, proxy)
 
 
 def _slow(time, guide) -> bool:

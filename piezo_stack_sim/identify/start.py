@@ -99,6 +99,7 @@ def first_actuator(pieces: Pieces, gains, guess: Actuator, voltage_range) -> Act
     Parameters
     ----------
     pieces : Pieces
+        The pieces of the rising curve.
     gains : (float or None, float or None)
         As `static_gains` returns them.
     guess : Actuator
