@@ -129,6 +129,8 @@ def test_an_interrupt_ends_with_status_130(capsys, act):
 
 def test_a_real_interrupt_leaves_no_traceback():
     code = ('import os, signal, click, piezo_stack_sim.cli as cli\n'
+            # A shell that runs tests in the background hands SIGINT down as ignored.
+            'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
             'cli.LazyGroup.list_commands = lambda self, ctx: ["wait"]\n'
             'cli.LazyGroup.get_command = lambda self, ctx, name: click.Command(\n'
             '    "wait", callback=lambda: os.kill(os.getpid(), signal.SIGINT))\n'
