@@ -90,6 +90,7 @@ setup(
             f'closed_loop_voltage = {PACKAGE}.examples.closed_loop_voltage:main',
             f'closed_loop_charge = {PACKAGE}.examples.closed_loop_charge:main',
             f'feed_forward = {PACKAGE}.examples.feed_forward:main',
+            f'piezo_stack_walkthrough = {PACKAGE}.examples.walkthrough:main',
         ],
     },
     zip_safe=False,

@@ -143,8 +143,9 @@ def _fault(error):
     """Word an error that the user's input is not to blame for."""
     if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith(__package__):
         module = str(error.name).partition('.')[0]
-        extras = {'dask': 'dask', 'distributed': 'dask', 'rclpy': 'ros', 'rcl_interfaces': 'ros',
-                  'rosgraph_msgs': 'ros', 'std_msgs': 'ros', 'std_srvs': 'ros'}
+        extras = {'dask': 'dask', 'distributed': 'dask', 'diagnostic_msgs': 'ros',
+                  'rclpy': 'ros', 'rcl_interfaces': 'ros', 'rosgraph_msgs': 'ros',
+                  'sensor_msgs': 'ros', 'std_msgs': 'ros', 'std_srvs': 'ros'}
         package = f'piezo_stack_sim[{extras[module]}]' if module in extras else module
         return (f'piezo_stack: the Python module {module} is not installed; install it, for '
                 f'instance with pip install "{package}"')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 import signal
 import threading
@@ -165,6 +165,9 @@ def _run(link: Link, programmes, paths, session: Session, stop: _Stop, outcome: 
             abs(session.rate / link.rate - 1.0) > 1e-9):
         raise InputError(f'--rate {session.rate:g}: {link.device} steps at {link.rate:g} Hz in '
                          'lockstep; leave --rate out or start the node with that rate')
+    if session.drive == 'voltage' and session.limits.voltage is None and link.voltage_range:
+        low, high = link.voltage_range
+        session = replace(session, limits=replace(session.limits, voltage=(low, high)))
     player: LockstepPlayer | WallPlayer = (
         LockstepPlayer(link) if link.lockstep else WallPlayer(link, session.rate))
     if not link.lockstep:

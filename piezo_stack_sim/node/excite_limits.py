@@ -52,7 +52,7 @@ class Limits:
 
     @property
     def safe(self) -> float:
-        """The voltage at which a device is left: zero, or the allowed one nearest to it."""
+        """Return where a device is left (V): zero, or the allowed one nearest to it."""
         return min(max(0.0, self.voltage[0]), self.voltage[1]) if self.voltage else 0.0
 
     def fastest(self, peak: float) -> float | None:

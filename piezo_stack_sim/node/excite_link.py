@@ -24,7 +24,7 @@ _VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
            ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value'}
 SCALARS = ('voltage', 'charge', 'displacement')
 _QOS = QoSProfile(depth=1000)  # nothing may be lost, whatever arrives at once
-_PARAMETER_PATIENCE = 3.0  # s; a device without parameters is a real one
+_PARAMETER_PATIENCE = 5.0  # s; a device without parameters is a real one
 
 
 class Heard(NamedTuple):
@@ -159,7 +159,7 @@ class Link:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What a recording of this device can hold: voltage, charge, displacement."""
+        """Return what a recording of this device can hold: voltage, charge, displacement."""
         return tuple(name for name in SCALARS if self.source(name))
 
     def source(self, channel: str) -> str:
