@@ -169,6 +169,42 @@ def test_a_device_is_left_at_the_safe_voltage(device, tmp_path):
     assert client.heard['voltage'][-1] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_lost_answer_is_asked_for_again(device, tmp_path, monkeypatch):
+    from piezo_stack_sim.node import excite_link
+    from rclpy.client import Client as ServiceClient
+    from rclpy.task import Future
+    monkeypatch.setattr(excite_link, '_RETRY', 0.3)
+    asked, real = [], ServiceClient.call_async
+
+    def lose_the_first(client, request):
+        asked.append(client.srv_name)
+        return Future() if asked.count(client.srv_name) == 1 else real(client, request)
+
+    monkeypatch.setattr(ServiceClient, 'call_async', lose_the_first)
+    assert excite('triangle', *SHORT, '--reset', '--node', device, '--out', tmp_path) == 0
+    assert asked.count(f'{device}/reset') == 2
+    recording = read_set(tmp_path)['triangle']
+    assert np.array_equal(recording.measured['charge'], offline(recording).charge)
+
+
+def test_ticks_that_somebody_else_commands_are_noticed(tmp_path):
+    node = NodeProcess(*node_arguments('stepping:=lockstep', name='shared'))
+    client = Client(f'{SPACE}/shared')
+    client.until(lambda: client.inputs['voltage_command'].get_subscription_count(), 'the device')
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'piezo_stack_sim', 'excite', 'steps', '--node', f'{SPACE}/shared',
+         '--out', str(tmp_path)], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    client.until(lambda: len(client.heard['state']) > 500, 'the programme')
+    while process.poll() is None:
+        client.send('voltage_command', 5.0)
+        client.listen(0.05)
+    errors = process.communicate()[1]
+    client.close()
+    node.end()
+    assert process.returncode == 2 and errors.count('\n') == 1
+    assert 'ticks that were not commanded here' in errors
+
+
 # -- a device by wall time -----------------------------------------------------------------
 
 

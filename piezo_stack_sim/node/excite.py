@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 import signal
@@ -198,9 +198,12 @@ def _perform(stage: _Stage, played, paths, stop: _Stop, outcome: Outcome, progre
                 stage.approach()
             if not stop.asked:
                 outcome.files[path] = stage.record(recording, path, progress)
-    finally:
-        stage.leave()
-        outcome.left_at = stage.value
+    except BaseException:
+        with suppress(InputError):  # what went wrong first is what the user has to know
+            stage.leave()
+        raise
+    stage.leave()
+    outcome.left_at = stage.value
 
 
 def _at_rate(recording: Recording, rate: float, link: Link) -> Recording:

@@ -24,6 +24,7 @@ _VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
            ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value'}
 SCALARS = ('voltage', 'charge', 'displacement')
 _QOS = QoSProfile(depth=1000)  # nothing may be lost, whatever arrives at once
+_RETRY = 3.0  # s without an answer until a service is asked again
 _PARAMETER_PATIENCE = 5.0  # s; a device without parameters is a real one
 
 
@@ -70,6 +71,7 @@ class Link:
         self.device = device if device.startswith('/') else f'/{device}'
         self.patience = patience
         self._numbers = count()
+        self._clients: dict[str, Any] = {}
         self._node = Node(f'excite_{time.time_ns() % 1_000_000}')
         self._executor = make_executor()
         self._executor.add_node(self._node)
@@ -115,7 +117,7 @@ class Link:
             return [None] * len(names)
         values = []
         for name in names:  # one by one: a node may answer nothing when one is unknown
-            answer = self._answer(self._parameters.get_parameters([name]), name)
+            answer = self._ask(lambda: self._parameters.get_parameters([name]), name)
             value = answer.values[0] if answer.values else None
             field = _VALUES.get(value.type) if value is not None else None
             values.append(getattr(value, field) if field else None)
@@ -184,12 +186,29 @@ class Link:
                 raise InputError(complaint() if callable(complaint) else complaint)
             self.spin(0.02)
 
-    def _answer(self, future, what: str):
-        self.wait(future.done, f'{self.device} does not answer: {what}')
-        return future.result()
+    def _ask(self, ask: Callable[[], Any], what: str) -> Any:
+        """
+        Ask a service until it answers; nothing is asked that may not be asked twice.
 
-    def drain(self, pause: float = 0.05) -> None:
-        """Forget what has arrived, and what arrives until there is a pause (s)."""
+        An answer is lost when the device has not yet found the client's end that takes it.
+
+        """
+        end = time.monotonic() + self.patience
+        while True:
+            future = ask()
+            again = min(time.monotonic() + _RETRY, end)
+            while not future.done():
+                if time.monotonic() > again:
+                    break
+                self.spin(0.02)
+            if future.done():
+                return future.result()
+            future.cancel()
+            if time.monotonic() > end:
+                raise InputError(f'{self.device} does not answer: {what}')
+
+    def settle(self, pause: float = 0.05) -> None:
+        """Take what arrives until there is a pause (s)."""
         quiet = time.monotonic() + pause
         known = -1
         while time.monotonic() < quiet:
@@ -197,6 +216,10 @@ class Link:
             if size != known:
                 known, quiet = size, time.monotonic() + pause
             self.spin(0.01)
+
+    def drain(self, pause: float = 0.05) -> None:
+        """Forget what has arrived, and what arrives until there is a pause (s)."""
+        self.settle(pause)
         for heard in self.heard.values():
             heard.clear()
 
@@ -222,7 +245,7 @@ class Link:
         """Switch a virtual device to a drive; a real one is taken to be wired for it."""
         if self.drive in (None, drive):
             return
-        result = self._answer(self._parameters.set_parameters(
+        result = self._ask(lambda: self._parameters.set_parameters(
             [Parameter('drive', value=drive)]), 'drive').results[0]
         if not result.successful:
             raise InputError(f'{self.device}: drive {drive} refused: {result.reason}')
@@ -231,12 +254,12 @@ class Link:
     def call(self, service: str, **fields) -> None:
         """Call reset, step or pause."""
         kind = SetBool if service == 'pause' else Trigger
-        client = self._node.create_client(kind, f'{self.device}/{service}')
-        try:
-            self.wait(client.service_is_ready, f'{self.device} has no service {service}')
-            answer = self._answer(client.call_async(kind.Request(**fields)), service)
-        finally:
-            self._node.destroy_client(client)
+        client = self._clients.get(service)
+        if client is None:
+            client = self._node.create_client(kind, f'{self.device}/{service}')
+            self._clients[service] = client
+        self.wait(client.service_is_ready, f'{self.device} has no service {service}')
+        answer = self._ask(lambda: client.call_async(kind.Request(**fields)), service)
         if not answer.success:
             raise InputError(f'{self.device}: {service} refused: {answer.message}')
 

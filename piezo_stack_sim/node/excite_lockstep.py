@@ -41,7 +41,7 @@ class LockstepPlayer:
     def __init__(self, link: Link) -> None:
         self._link = link
         self.rate: float = link.rate or 1000.0
-        self._stamp = 0.0
+        self._stamp: float | None = None  # of the newest tick; None when it is not known
         self._force = 0.0
         self.present: dict[str, float] = {}
 
@@ -69,6 +69,7 @@ class LockstepPlayer:
 
     def reset(self, command: float) -> None:
         """Relax the device; one tick at a command (V or C) gives the first sample."""
+        self._stamp = None
         self._link.call('reset')
         self._link.drain()
         self._stamp = 0.0
@@ -126,13 +127,22 @@ class LockstepPlayer:
             before = self._stamp
             self._take()
             got += 1
-            if abs((self._stamp - before) * self.rate - 1.0) > 0.01 or (
-                    got == sent and any(heard)):
-                raise InputError(f'{link.device}: ticks that were not commanded here; stop '
-                                 'whatever else commands or steps it')
+            skipped = before is not None and self._stamp is not None and (
+                abs((self._stamp - before) * self.rate - 1.0) > 0.01)
+            if skipped or (got == sent and any(heard)):
+                raise self._foreign()
             if sink is not None and (len(rows) >= BLOCK or got == len(commands)):
                 sink(rows)
                 rows = []
-        if sink is not None and rows:
-            sink(rows)
+        if sink is not None:
+            if rows:
+                sink(rows)
+            # A tick that somebody else brought took the place of one that is still to come.
+            link.settle()
+            if any(heard):
+                raise self._foreign()
         return got
+
+    def _foreign(self) -> InputError:
+        return InputError(f'{self._link.device}: ticks that were not commanded here, the '
+                          'recording is wrong; stop whatever else commands or steps it')
