@@ -220,7 +220,9 @@ def test_by_wall_time_rows_carry_stamps_and_the_commands_that_act_from_them(wall
         span = np.ptp(recording.measured[channel])
         gap = np.abs(recording.measured[channel] - getattr(answer, channel))
         assert np.nanmedian(gap) < 2e-3 * span, channel
-    assert np.nanmedian(np.abs(recording.measured['voltage'] - recording.command)) < 0.7
+    # A command acts from its row on and shows at the next one.
+    shown = np.abs(recording.measured['voltage'][1:] - recording.command[:-1]) < 1e-9
+    assert shown.mean() > 0.8
 
 
 def test_ctrl_c_keeps_what_was_recorded_and_ramps_down(wall_device, tmp_path):

@@ -12,6 +12,9 @@ from piezo_stack_sim.node.excite_link import Heard, Link
 from piezo_stack_sim.node.excite_lockstep import Sink
 
 BLOCK = 100  # rows handed on at once
+_SAME_CLOCK = 0.05  # s; stamps this close to the clock of the day here are taken from it
+# A command is sent this part of a period after a tick, early enough for a slow way.
+_PHASE = 0.3
 _OBSERVED = 30  # ticks from which rate and clock of the device are learnt
 
 
@@ -61,6 +64,9 @@ class WallPlayer:
             raise InputError(f'{link.device}: its stamps stand still or go backwards')
         # The message that came fastest tells best how far the two clocks are apart.
         self._offset = float(min(tick.arrived - tick.stamp for tick in ticks))
+        here = time.monotonic() - time.time()
+        if 0.0 <= self._offset - here < _SAME_CLOCK:
+            self._offset = here  # the clock of this host; the rest was the message's way
         self.rate = self.rate or link.rate or 1.0 / self._period
         for name, heard in link.heard.items():
             self._leads[name] = self._is_before(heard, stamps.size)
@@ -137,11 +143,11 @@ class WallPlayer:
         return len(self._times)
 
     def _first_deadline(self) -> float:
-        """Return a time half-way between two ticks, where no command races with a tick."""
+        """Return a time well between two ticks, where no command races with a tick."""
         now = time.monotonic() + 2.0 / self.rate
         newest = self._link.heard['tick'][-1].stamp if self._link.heard['tick'] else 0.0
         phase = (now - newest - self._offset) / self._period
-        return now + (0.5 - phase % 1.0 + (phase % 1.0 > 0.5)) * self._period
+        return now + (_PHASE - phase) % 1.0 * self._period
 
     def _rows(self, commands: np.ndarray, forces: np.ndarray) -> list[tuple[float, ...]]:
         """Return the rows of all ticks whose neighbours have arrived too."""
