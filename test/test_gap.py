@@ -83,12 +83,11 @@ def test_a_compliance_before_the_sensor_is_found_and_the_gap_shrinks_to_the_nois
     assert answer['gap']['charge']['over_noise'] < 1.1
 
 
-def test_without_voltage_and_charge_gain_errors_are_a_tie_and_answered_as_one(diagnosed):
+def test_displacement_alone_tells_the_gain_of_the_sensor_from_that_of_the_driver(diagnosed):
     answer = diagnosed({'sensor_gain': {'gain_error': 0.08}}, channels=('displacement',))
-    named = set(answer['ambiguity_set'])
-    assert 'sensor_gain' in named
-    if answer['verdict'] == 'AMBIGUOUS':
-        assert answer['next_experiment']['separation'] > 1.0
+    # The driver's gain moves the hysteresis as well, the sensor's only scales what is read.
+    assert answer['ambiguity_set'] == ['sensor_gain'] == answer['selected']
+    assert {cause['effect']: cause for cause in answer['causes']}['amplifier_gain']['S'] < 0.995
 
 
 def test_a_placebo_never_explains_a_gap(diagnosed):
