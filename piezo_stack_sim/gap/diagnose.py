@@ -74,8 +74,14 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     progress('simulating the parameter file as given')
     before = simulate_set(device, checked.recordings)
     evidence = prepare(checked.recordings, before)
-    fitter = Fitter(device, evidence)
     progress('re-tuning the nominal parameters')
+    fitter = Fitter(device, evidence)
+    fitter.prepare(parallel)
+    tuned = fitter.fit({})
+    # Without the calibration error more of what is left is noise: weigh anew.
+    evidence = prepare(checked.recordings, simulate_set(
+        fitter.device_with({}, tuned.phi), checked.recordings))
+    fitter = Fitter(device, evidence)
     fitter.prepare(parallel)
     extent = extent_of(evidence, fitter.base, spans(evidence))
     search = search_singles(fitter, extent, progress)
@@ -105,7 +111,9 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     after = simulate_set(after_device, checked.recordings)
     behind = next((EFFECTS[n].block for n in (*verdict.selected, *(r.name for r in singles[:1]))
                    if EFFECTS[n].block in where.BEHIND_CHARGE), None)
-    cuts = where.block_residuals(device, evidence, before)
+    tuned_device = fitter.device_with({}, search.nominal.phi)
+    cuts = where.block_residuals(tuned_device, evidence,
+                                 simulate_set(tuned_device, checked.recordings))
     fractions, blocks = where.shares(cuts, behind, 'charge' in evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
     chance = probabilities(singles, thresholds)
@@ -150,7 +158,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         from piezo_stack_sim.gap.traces import build_traces
         result['traces'] = build_traces(
             checked.recordings, before, after if verdict.selected else None,
-            {c: n.rms for c, n in evidence.noise.items()})
+            {c: evidence.noise_rms(c) for c in evidence.channels})
     result['_after_device'] = after_device
     # What learning the thresholds needs: the powers of every hypothesis.
     result['_scores'] = {

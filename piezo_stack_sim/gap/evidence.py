@@ -34,8 +34,10 @@ class Track:
     measured : dict of str to ndarray, shape (m,)
         Averaged measurements.
     sigma : dict of str to float
-        Standard deviation of the noise of an averaged value, correlation in
-        time included.
+        Standard deviation of the noise of an averaged value.
+    zero : dict of str to float
+        Standard deviation with which the zero of the sensor is known: it was
+        read off a single row.
     fitted : ndarray of bool, shape (m,)
         The rows that a fit may see; the others are withheld from it.
 
@@ -45,6 +47,7 @@ class Track:
     factor: int
     measured: dict[str, np.ndarray]
     sigma: dict[str, float]
+    zero: dict[str, float]
     fitted: np.ndarray
 
     @property
@@ -55,6 +58,21 @@ class Track:
     def average(self, values: np.ndarray) -> np.ndarray:
         """Average (n,) values over neighbouring rows to (m,)."""
         return average(values, self.factor)
+
+    def weighted(self, channel: str, simulated: np.ndarray) -> np.ndarray:
+        """
+        Return measured less simulated over the noise, (m,), free of the sensor's zero.
+
+        The zero is a nuisance with a normal prior; its best value is linear in
+        the residual and is taken off here, so that no fit needs to know of it.
+        """
+        wrong = self.measured[channel] - self.average(simulated)
+        return self.unbiased(channel, wrong) / self.sigma[channel]
+
+    def unbiased(self, channel: str, wrong: np.ndarray) -> np.ndarray:
+        """Return averaged errors (m,), SI units, less the likeliest zero of the sensor."""
+        stiff = (self.sigma[channel] / self.zero[channel]) ** 2
+        return wrong - wrong.sum() / (wrong.size + stiff)
 
 
 @dataclass(frozen=True)
@@ -68,6 +86,11 @@ class Evidence:
     def channels(self) -> tuple[str, ...]:
         """Return the channels that at least one recording measured."""
         return tuple(c for c in CHANNELS if any(c in track.measured for track in self.tracks))
+
+    def noise_rms(self, channel: str) -> float:
+        """Return the standard deviation of the noise of a single row, over all recordings."""
+        return float(np.sqrt(np.mean([track.zero[channel] ** 2 for track in self.tracks
+                                      if channel in track.zero])))
 
     @property
     def keys(self) -> list[tuple[int, str]]:
@@ -122,11 +145,12 @@ def prepare(recordings, simulated) -> Evidence:
     tracks = []
     for recording in recordings:
         factor = _averaging(recording)
-        measured, sigma = {}, {}
+        measured, sigma, zero = {}, {}, {}
         for channel in informative(recording):
             measured[channel] = average(recording.measured[channel], factor)
-            sigma[channel] = noise[channel].averaged(factor)
+            sigma[channel] = noise[channel].deviation(recording.period, len(recording), factor)
+            zero[channel] = noise[channel].deviation(recording.period, len(recording))
         m = len(recording) // factor
         stretch = np.arange(m) * STRETCHES // max(m, 1)
-        tracks.append(Track(recording, factor, measured, sigma, stretch % 2 == 0))
+        tracks.append(Track(recording, factor, measured, sigma, zero, stretch % 2 == 0))
     return Evidence(tuple(tracks), noise)

@@ -12,7 +12,7 @@ from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.recording import Recording
 
 # The kernel releases the interpreter lock: threads share the arrays of a set.
-_POOL = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix='simulate')
+_POOL = ThreadPoolExecutor(len(os.sched_getaffinity(0)), thread_name_prefix='simulate')
 
 
 def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndarray]:
@@ -40,8 +40,7 @@ def residuals(device: Device, evidence: Evidence) -> np.ndarray:
     """
     def one(track):
         simulated = simulate_channels(device, track.recording)
-        return [(track.measured[c] - track.average(simulated[c])) / track.sigma[c]
-                for c in track.channels]
+        return [track.weighted(c, simulated[c]) for c in track.channels]
 
     return np.concatenate([row for rows in map(one, evidence.tracks) for row in rows])
 

@@ -32,7 +32,7 @@ def gap_part(evidence: Evidence, simulated: list[dict]) -> dict:
             span = max(span, float(np.ptp(measured)))
             independent += error.size / integrated_correlation(error)
         rms = float(np.sqrt(np.mean(np.concatenate(wrong) ** 2)))
-        noise = evidence.noise[channel].rms
+        noise = evidence.noise_rms(channel)
         ratio = rms / noise
         half = 1.96 * ratio / math.sqrt(2.0 * max(independent, 2.0))
         result[channel] = {

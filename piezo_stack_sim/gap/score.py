@@ -96,8 +96,7 @@ def noise_power(evidence: Evidence) -> dict[str, float]:
     for i, channel in evidence.keys:
         track = evidence.tracks[i]
         count = int((~track.fitted).sum())
-        noise = evidence.noise[channel]
         entry = totals.setdefault(channel, [0.0, 0.0])
-        entry[0] += count * noise.rms ** 2 * min(1.0, noise.correlation / track.factor)
+        entry[0] += count * track.sigma[channel] ** 2
         entry[1] += count
     return {channel: total / count for channel, (total, count) in totals.items() if count}

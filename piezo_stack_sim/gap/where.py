@@ -48,8 +48,9 @@ def block_residuals(device: Device, evidence: Evidence, simulated) -> list[dict]
         out, answer = {}, simulated[i]
         has = track.measured.__contains__
         if recording.drive == 'voltage' and has('voltage'):
-            wrong = track.measured['voltage'] - track.average(answer['voltage'])
-            noise = evidence.noise['voltage'].averaged(track.factor)
+            wrong = track.unbiased('voltage', track.measured['voltage']
+                                   - track.average(answer['voltage']))
+            noise = track.sigma['voltage']
             out['drive'] = (wrong * per_volt, noise * per_volt)
             if np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
                 # The electrical block is to be driven by what really was at its terminals.
@@ -58,22 +59,21 @@ def block_residuals(device: Device, evidence: Evidence, simulated) -> list[dict]
                 ideal = device.replace(effects={})
                 answer = simulate_channels(ideal, recording.replace(command=held))
         if has('charge'):
-            wrong = recording.measured['charge'] - answer['charge']
-            noise = evidence.noise['charge'].averaged(track.factor) * gain
+            wrong = track.unbiased('charge', track.measured['charge']
+                                   - track.average(answer['charge']))
             out['electrical' if recording.drive == 'voltage' else 'drive'] = (
-                track.average(wrong) * gain, noise)
+                wrong * gain, track.sigma['charge'] * gain)
         if has('displacement'):
             wrong = recording.measured['displacement'] - answer['displacement']
-            noise = evidence.noise['displacement'].averaged(track.factor)
+            noise = track.sigma['displacement']
             if has('charge'):
                 given = recording.measured['charge'] - answer['charge']
                 system = signal.cont2discrete((numerator, denominator), recording.period,
                                               'bilinear')
                 b, a = np.ravel(system[0]), np.ravel(system[1])
                 wrong = wrong - signal.lfilter(b, a, given)
-                noise = math.hypot(noise, gain
-                                   * evidence.noise['charge'].averaged(track.factor))
-            out['behind'] = (track.average(wrong), noise)
+                noise = math.hypot(noise, gain * track.sigma['charge'])
+            out['behind'] = (track.unbiased('displacement', track.average(wrong)), noise)
         return out
 
     return parallel(one, range(len(evidence.tracks)))
