@@ -13,7 +13,7 @@ from piezo_stack_sim.challenge.memory import (
     CAPACITY, forget, logarithmic_growth, power_law_decay, remember,
 )
 from piezo_stack_sim.challenge.physics import (
-    bristle_after, charge_step, equilibrium, mechanical_force, output_drop, slip,
+    bristle_after, charge_step, equilibrium, mechanical_force, mesh_voltage, output_drop, slip,
 )
 
 #: Layout of the state vector; the Maxwell voltages follow at the end.
@@ -138,7 +138,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
     warming = p.rate_gain != 0.0 or p.heating_gain != 0.0
     viscosity = p.b + p.body_damping
     calm = hold_only
-    still = unsaved = acceleration = 0.0
+    still = unsaved = acceleration = terminal = 0.0
     settling = SETTLING_WITH_BODY if p.body_mass > 0.0 else SETTLING
 
     for j in range(sources.size):
@@ -213,6 +213,9 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             else:
                 dx = h * (state[SPEED] + 0.5 * h * acceleration)
                 dq = charge_step(p, z, state[Q], slow, x + dx, h, heat, rate_scale, state[RING])
+                # Not the source less the drop: at its limit the current does not reach it.
+                terminal = (mesh_voltage(p, z, state[Q], dq, slow, x + dx, h, heat,
+                                         rate_scale)[0] - output_drop(p, dq, h)[0])
                 if p.friction_force > 0.0:
                     state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, state[SPEED])
                 if p.body_mass > 0.0:
@@ -225,7 +228,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             slip(p, z, dq, slow, rate_scale)
             state[Q] += dq
             state[X], state[SPEED] = x + dx, speed
-            state[TERMINAL] = state[RING] - output_drop(p, dq, h)[0]
+            state[TERMINAL] = (state[RING] - output_drop(p, dq, h)[0] if calm else terminal)
             if warming:
                 slow_states(p, state, dq, h)
 

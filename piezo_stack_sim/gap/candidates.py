@@ -8,7 +8,7 @@ linear look, which places are worth a whole fit.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.starts import Extent, starts_of
 
-WHOLE_FITS = 2  # places of an effect from which a whole fit is made
-PROMISING = 0.1  # part of the best promise that earns an effect a whole fit
+PLACES = 2  # places of an effect from which a fit sets out
+NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
+PROMISING = 0.03  # part of the best promise that earns an effect a fit
 WORTH = 15.0  # fall of the cost below which nothing can come of it
-SHORT = 1  # Gauss-Newton steps for the others
+FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
+RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
 PARTNERS = 5  # second effects that get a whole fit
 PAIR_STEPS = 4
 POLISHING = 8
@@ -60,24 +62,36 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     for probe_ in parallel(probe, jobs):
         search.probes.setdefault(probe_.effect, []).append(probe_)
     best = max(p.gain for probes in search.probes.values() for p in probes)
-    wholes = []
+    first = []
     for name, probes in search.probes.items():
         probes.sort(key=lambda p: -p.gain)
-        promising = [p for p in probes[:WHOLE_FITS]
-                     if p.gain >= max(PROMISING * best, 0.8 * probes[0].gain, WORTH)]
-        wholes += [(name, p.place, STEPS) for p in promising]
-        if not promising:
-            wholes.append((name, probes[0].place, SHORT))
-
-    def whole(job):
-        name, place, steps = job
-        return name, fitter.fit({name: place}, nominal.phi, steps)
-
+        first += [(name, p.place, nominal.phi) for p in probes[:PLACES]
+                  if p.gain >= max(PROMISING * best, NEAR * probes[0].gain, WORTH)]
+        search.fits[name] = _untouched(name, nominal)
     progress('fitting every effect')
-    for name, fit in parallel(whole, wholes):
-        if name not in search.fits or fit.cost < search.fits[name].cost:
-            search.fits[name] = fit
+    _race(fitter, search, first, FIRST_STEPS)
+    fall = max(nominal.cost - fit.cost for fit in search.fits.values())
+    rivals = [(name, fit.effects[name], fit.phi) for name, fit in search.fits.items()
+              if nominal.cost - fit.cost > max(RIVAL * fall, WORTH)]
+    _race(fitter, search, rivals, STEPS)
     return search
+
+
+def _race(fitter: Fitter, search: Search, runners, steps: int) -> None:
+    """Fit effects from given places; keep what is better than before."""
+    def whole(runner):
+        name, place, phi = runner
+        return name, fitter.fit({name: place}, phi, steps)
+
+    for name, fit in parallel(whole, runners):
+        if fit.cost < search.fits[name].cost:
+            search.fits[name] = fit
+
+
+def _untouched(name: str, nominal: Fit) -> Fit:
+    """Return the fit of an effect that promises nothing: neutral."""
+    neutral = {p.name: p.neutral for p in EFFECTS[name].parameters}
+    return replace(nominal, effects={name: neutral}, view=None, simulations=0)
 
 
 def polish(fitter: Fitter, search: Search, count: int) -> None:

@@ -56,7 +56,7 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
     if len(names) < 2:
         return None
     devices = [fitter.device_with(tied[name].effects, tied[name].phi) for name in names]
-    noise = {c: evidence.noise[c].rms if c in evidence.noise else USUAL_NOISE[c]
+    noise = {c: evidence.noise_rms(c) if c in evidence.noise else USUAL_NOISE[c]
              for c in CHANNELS}
     have = evidence.channels
     candidates = []
