@@ -15,11 +15,12 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
 from piezo_stack_sim.gap.forward import parallel
-from piezo_stack_sim.gap.starts import Extent, starts_of
+from piezo_stack_sim.gap.starts import Extent, rescaled, starts_of
 
 PLACES = 2  # places of an effect from which a fit sets out
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
 PROMISING = 0.03  # part of the best promise that earns an effect a fit
+FIELD = 9  # effects that get one in any case: a linear look underrates what is not linear
 WORTH = 15.0  # fall of the cost below which nothing can come of it
 FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
 RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
@@ -62,12 +63,14 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     for probe_ in parallel(probe, jobs):
         search.probes.setdefault(probe_.effect, []).append(probe_)
     best = max(p.gain for probes in search.probes.values() for p in probes)
-    first = []
     for name, probes in search.probes.items():
         probes.sort(key=lambda p: -p.gain)
-        first += [(name, p.place, nominal.phi) for p in probes[:PLACES]
-                  if p.gain >= max(PROMISING * best, NEAR * probes[0].gain, WORTH)]
         search.fits[name] = _untouched(name, nominal)
+    order = sorted(search.probes, key=lambda name: -search.probes[name][0].gain)
+    first = [(name, p.place, nominal.phi) for i, name in enumerate(order)
+             for p in search.probes[name][:PLACES]
+             if p.gain >= max(WORTH, NEAR * search.probes[name][0].gain,
+                              PROMISING * best if i >= FIELD else 0.0)]
     progress('fitting every effect')
     _race(fitter, search, first, FIRST_STEPS)
     fall = max(nominal.cost - fit.cost for fit in search.fits.values())
@@ -116,7 +119,7 @@ def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,
     # How an effect moves the outputs hardly depends on the other being on: no new simulation.
     promises: list[tuple[float, Probe]] = []
     for name, probes in search.probes.items():
-        seen = [(fitter.linear_gain(p.direction, fit), p) for p in probes
+        seen = [(fitter.linear_gain(p.direction, fit)[0], p) for p in probes
                 if p.direction is not None]
         if name not in used and seen:
             promises.append(max(seen, key=lambda pair: pair[0]))
@@ -139,6 +142,7 @@ def _probe(fitter: Fitter, name: str, place: dict[str, float], others: dict, fit
     direction = moved - fit.residual
     if not np.isfinite(direction).all() or np.abs(direction).max() > 1e5:
         return Probe(name, place, None)
-    gain = fitter.linear_gain(direction, fit)
+    gain, factor = fitter.linear_gain(direction, fit)
     full_step = fitter.cost(fit.residual, fit.phi) - fitter.cost(moved, fit.phi)
-    return Probe(name, place, direction.astype(np.float32), max(gain, full_step))
+    return Probe(name, rescaled(EFFECTS[name], place, factor), direction.astype(np.float32),
+                 max(gain, full_step))

@@ -125,17 +125,21 @@ class Fitter:
         values = {name: EFFECTS[name].values(given) for name, given in effects.items()}
         return self._residual(values, [], np.empty(0), phi)
 
-    def linear_gain(self, direction: np.ndarray, fit: Fit) -> float:
+    def linear_gain(self, direction: np.ndarray, fit: Fit) -> tuple[float, float]:
         """
-        Return by how much the cost would fall along a direction of the residual.
+        Return by how much the cost would fall along a direction of the residual, and how far.
 
-        Everything that ``fit`` was free to choose may move with it.
+        Everything that ``fit`` was free to choose may move with it.  How far is
+        a multiple of ``direction``.
         """
         other, inverse, left = self._view(fit)
         seen = direction[self.rows]
         clear = seen - other @ (inverse @ (other.T @ seen))
         length = float(clear @ clear)
-        return float(clear @ left) ** 2 / length if length > 1e-9 else 0.0
+        if length < 1e-9:
+            return 0.0, 0.0
+        along = float(clear @ left)
+        return along ** 2 / length, -along / length
 
     def _view(self, fit: Fit):
         """Return what a linear look at a fit needs: free directions and what they leave."""

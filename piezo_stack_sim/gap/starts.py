@@ -16,7 +16,9 @@ import numpy as np
 from piezo_stack_sim.effects.base import Effect, Parameter
 from piezo_stack_sim.gap.evidence import Evidence
 
-MOST = 6  # places an effect is tried from
+MOST = 12  # places from which an effect is looked at
+STRENGTHS = (0.1, 1.0)  # of a typical strength, for an effect with one number
+STRENGTH = 0.3  # for one with several
 
 
 @dataclass(frozen=True)
@@ -73,15 +75,46 @@ def _peaks(evidence, residual, spans) -> tuple[float, ...]:
 
 
 def starts_of(effect: Effect, extent: Extent) -> list[dict[str, float]]:
-    """Return the places (parameter values, SI) from which to fit an effect."""
-    choices = [[(parameter.name, value) for value in _choices(parameter, extent)]
-               for parameter in effect.parameters]
-    places = [dict(combination) for combination in itertools.product(*choices)]
+    """
+    Return the places (parameter values, SI) from which to look at an effect.
+
+    What shapes an effect is tried in combination; of what makes it strong, one
+    parameter at a time, weak and typical: a linear look from there tells the
+    rest.
+    """
+    strong = [p for p in effect.parameters if _is_linear(p)]
+    shapes = [[(p.name, value) for value in _choices(p, extent)]
+              for p in effect.parameters if not _is_linear(p)]
+    parts = STRENGTHS if len(strong) == 1 and all(len(s) == 1 for s in shapes) else (STRENGTH,)
+    strengths = [{p.name: part * _strength(p)} for p in strong if _strength(p)
+                 for part in parts] or [{}]
+    places = [{**dict(shape), **strength} for strength in strengths
+              for shape in itertools.product(*shapes)]
     if len(places) > MOST:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
         places = [places[i] for i in pick]
     return places
+
+
+def rescaled(effect: Effect, place: dict[str, float], factor: float) -> dict[str, float]:
+    """Return a place with its linear strengths multiplied, within their bounds."""
+    out = dict(place)
+    for p in effect.parameters:
+        if _is_linear(p) and p.name in out:
+            out[p.name] = min(max(factor * out[p.name], p.lower), p.upper)
+    return out
+
+
+def _is_linear(parameter: Parameter) -> bool:
+    """Tell whether a parameter is a strength that can be scaled down to nothing."""
+    return (parameter.magnitude and parameter.scale == 'linear'
+            and math.isfinite(parameter.neutral))
+
+
+def _strength(parameter: Parameter) -> float:
+    """Return a typical strength; 0 if there is none: such a part is not tried by itself."""
+    return parameter.typical or (0.01 if parameter.unit == '1' else 0.0)
 
 
 def _choices(parameter: Parameter, extent: Extent) -> list[float]:
@@ -109,10 +142,6 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
         if unit == 'A':
             return inside([part * extent.current for part in (0.8, 0.3, 0.1)])
         return inside(np.geomspace(max(low, 1e-12), high, 5)[1:-1])
-    if parameter.scale == 'log' and parameter.magnitude:
-        return inside([parameter.typical * factor for factor in (0.2, 1.0, 5.0)])
-    if parameter.scale == 'log':
-        return inside([parameter.start, parameter.start * 10.0, parameter.start * 0.1])
-    if parameter.magnitude:
-        return inside([parameter.typical])
+    if parameter.name == 'time_constant':
+        return inside([part * extent.duration for part in (0.1, 0.5)])
     return inside([parameter.start])
