@@ -22,7 +22,7 @@ REQUIRED = [
 ]
 ROS = ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp']
 DASK = ['dask[distributed]>=2024.1']
-TEST = ['hypothesis>=6.98', 'pytest>=7.4', 'setuptools>=70.1']
+TEST = ['hypothesis>=6.98', 'pytest>=7.4', 'pytest-xdist>=3.4', 'setuptools>=70.1']
 LINT = [
     'flake8',
     'flake8-blind-except',

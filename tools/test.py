@@ -15,7 +15,10 @@ import environment
 def main():
     """Run pytest in `.venv` and return its exit status."""
     python = environment.ensure('ros', 'test')
-    command = [str(python), '-m', 'pytest', *sys.argv[1:]]
+    # A file's tests share processes of ROS, so that files are what is spread over the cores.
+    spread = [] if any(a.startswith(('-n', '--numprocesses')) for a in sys.argv[1:]) else [
+        '-n', 'auto', '--dist', 'loadfile']
+    command = [str(python), '-m', 'pytest', *spread, *sys.argv[1:]]
     return subprocess.run(command, cwd=environment.ROOT, env=environment.variables()).returncode
 
 
