@@ -140,7 +140,7 @@ def series_compliance(unit, stiffness, load):
 
 
 @register(KNOWN, 'mechanical', 'a progressive spring (quadratic share)', BOTH,
-          stiffness=log(1.5e4, 1.5e7), length=log(4e-5, 1.5e-4))
+          stiffness=log(1.5e4, 1.5e7), length=log(1.5e-4, 5e-4))
 def parallel_stiffness(unit, stiffness, length):
     return unit.change(stack={'spring_stiffness': stiffness, 'spring_length': length})
 

@@ -126,11 +126,12 @@ def diagnose(recordings, parameter_file):
 
     device = load_device(parameter_file)
     given = read_set(recordings)
-    diagnosis = diagnose_set(given, device, traces=False)
-    models = {'before': device, 'after': diagnosis['_after_device']}
+    found = diagnose_set(given, device, traces=False)
     predictions = {}
-    for kind, model in models.items():
+    for kind in ('before', 'after'):
         for recording in given.recordings:
+            model = found.devices.get(recording.name, found.device)
+            model = device if kind == 'before' else model
             response = simulate(model, recording.time, recording.command,
                                 recording.external_force, drive=recording.drive)
             for channel in recording.measured:
@@ -139,4 +140,4 @@ def diagnose(recordings, parameter_file):
                     values = values - values[0]
                 predictions[f'{kind}/{recording.name}/{channel}'] = (
                     values[::KEPT_ROWS].astype(np.float32))
-    return {key: value for key, value in diagnosis.items() if key[0] != '_'}, predictions
+    return found.document, predictions

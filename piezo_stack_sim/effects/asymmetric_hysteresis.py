@@ -9,6 +9,12 @@ s = q/q_full, and V_full, q_full the end of the first rise:
 Both terms vanish at s = 0 and 1 and reach 1 between: the numbers are departures
 from the straight line, as fractions of the full voltage.
 
+The branches may differ as well: an element breaks at V_i (1 + branch) on the way
+up and at -V_i (1 - branch) on the way down.  That is an element with V_i both
+ways that starts off its middle, and a constant voltage:
+
+    z_i(0) = -branch V_i,   v_branch = branch sum V_i
+
 Look-alikes: ``sensor_nonlinearity`` (error over position, charge clean),
 ``stiffness_hardening`` (changes q-x and the resonance).
 Source: Oezer and Royston 2001, last element K q + a2 q^2 + a3 q^3; bows of 2 to
@@ -22,8 +28,13 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 WAVE = 1.5 * math.sqrt(3.0)  # s (1 - s^2) reaches 1/WAVE
 
 
-def apply(model, quadratic, cubic):
-    """Bow the voltage over the charge."""
+def apply(model, quadratic, cubic, branch):
+    """Bow the voltage over the charge, and let the branches differ."""
+    if branch != 0.0:
+        model.branch_difference += branch
+        model.add_state('branch_offset', {}, 1.0)
+        model.add_opposing_voltage({'branch_offset': branch * sum(
+            volt for volt in model.maxwell_v if math.isfinite(volt))})
     volts, charge = model.reference.voltage, model.reference.charge
     model.add_opposing_voltage({'charge': -(4.0 * quadratic + WAVE * cubic) * volts / charge})
     v2, v3 = model.smooth_voltage
@@ -40,5 +51,7 @@ EFFECT = Effect(
                   runtime=False),
         Parameter('cubic', '1', 0.0, -0.03, 0.03, 0.0,
                   'S shape of voltage over charge, equal for both signs', runtime=False),
+        Parameter('branch', '1', 0.0, -0.15, 0.15, 0.0,
+                  'by how much elements break later rising than falling', runtime=False),
     ),
     apply, channels=('charge', 'displacement'))

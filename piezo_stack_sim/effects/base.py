@@ -47,7 +47,8 @@ class Effect:
     :class:`piezo_stack_sim.plant.assembly.Model`, with every parameter by name.
     ``channels`` are the measured channels it moves under voltage drive,
     ``shown_in`` the test of :mod:`piezo_stack_sim.signature.experiment` for its
-    picture, if not the one in which it shows most.
+    picture, if not the one in which it shows most.  ``each_time`` names a
+    parameter that is new in every recording, since nothing synchronises it.
     """
 
     id: str  # noqa: A003
@@ -57,6 +58,7 @@ class Effect:
     apply: Callable
     channels: tuple[str, ...] = ('displacement',)
     shown_in: str = ''
+    each_time: str = ''
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return every parameter: the given ones, defaults for the rest."""

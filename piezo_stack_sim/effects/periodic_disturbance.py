@@ -42,4 +42,4 @@ EFFECT = Effect(
         Parameter('phase', 'rad', 0.0, -math.pi, math.pi, 0.0, 'phase at the start',
                   magnitude=False, default=0.0, runtime=False),
     ),
-    apply, channels=('displacement',))
+    apply, channels=('displacement',), each_time='phase')

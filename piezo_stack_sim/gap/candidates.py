@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
+from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
 from piezo_stack_sim.gap.forward import parallel
-from piezo_stack_sim.gap.starts import Extent, rescaled, starts_of
+from piezo_stack_sim.gap.starts import Extent, is_scalable, rescaled, starts_of
 
 PLACES = 2  # places of an effect from which a fit sets out
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
@@ -37,6 +37,7 @@ class Probe:
     place: dict[str, float]
     direction: np.ndarray | None  # (N,) change of the residual
     gain: float = 0.0  # fall of the cost that a linear look promises
+    order: float = 0.0  # by which the places of an effect are ordered
 
 
 @dataclass
@@ -53,7 +54,7 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     search = Search(fitter.fit({}, steps=4))
     nominal = search.nominal
     jobs = [(name, place) for name, effect in EFFECTS.items()
-            for place in starts_of(effect, extent)]
+            for place in ([{}] if name == TONE else starts_of(effect, extent))]
 
     def probe(job):
         name, place = job
@@ -64,12 +65,12 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
         search.probes.setdefault(probe_.effect, []).append(probe_)
     best = max(p.gain for probes in search.probes.values() for p in probes)
     for name, probes in search.probes.items():
-        probes.sort(key=lambda p: -p.gain)
+        probes.sort(key=lambda p: -p.order)
         search.fits[name] = _untouched(name, nominal)
-    order = sorted(search.probes, key=lambda name: -search.probes[name][0].gain)
+    order = sorted(search.probes, key=lambda name: -max(p.gain for p in search.probes[name]))
     first = [(name, p.place, nominal.phi) for i, name in enumerate(order)
              for p in search.probes[name][:PLACES]
-             if p.gain >= max(WORTH, NEAR * search.probes[name][0].gain,
+             if p.gain >= max(WORTH, NEAR * max(q.gain for q in search.probes[name]),
                               PROMISING * best if i >= FIELD else 0.0)]
     progress('fitting every effect')
     _race(fitter, search, first, FIRST_STEPS)
@@ -138,11 +139,25 @@ def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,
 
 
 def _probe(fitter: Fitter, name: str, place: dict[str, float], others: dict, fit: Fit) -> Probe:
+    if name == TONE:
+        return _probe_tone(fitter, others, fit)
     moved = fitter.residual_of({**others, name: place}, fit.phi)
     direction = moved - fit.residual
-    if not np.isfinite(direction).all() or np.abs(direction).max() > 1e5:
+    if not np.isfinite(direction).all() or np.abs(direction).max() > 1e9:
         return Probe(name, place, None)
     gain, factor = fitter.linear_gain(direction, fit)
     full_step = fitter.cost(fit.residual, fit.phi) - fitter.cost(moved, fit.phi)
-    return Probe(name, rescaled(EFFECTS[name], place, factor), direction.astype(np.float32),
-                 max(gain, full_step))
+    effect = EFFECTS[name]
+    gain = max(gain, full_step)
+    return Probe(name, rescaled(effect, place, factor), direction.astype(np.float32), gain,
+                 gain if is_scalable(effect) else full_step)
+
+
+def _probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:
+    found = fitter.find_tone(others, fit.phi)
+    if found is None:
+        return Probe(TONE, {}, None)
+    line, left = found
+    place = {'frequency': line.frequency, 'displacement': float(line.amplitudes[0])}
+    gain = fitter.cost(fit.residual, fit.phi) - fitter.cost(left, fit.phi)
+    return Probe(TONE, place, (left - fit.residual).astype(np.float32), gain, gain)

@@ -9,6 +9,7 @@ uncertainty, try every effect, then pairs, judge on withheld rows, decide.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 import math
 import time
 
@@ -20,7 +21,7 @@ from piezo_stack_sim.gap.candidates import (
     polish, Search, search_partners, search_singles)
 from piezo_stack_sim.gap.evidence import Evidence, prepare
 from piezo_stack_sim.gap.fit import Fit, Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_set, spans
+from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, gap_part, records_part, shrinkage_part)
@@ -35,12 +36,39 @@ POLISHED = 3  # single effects that are fitted to the end before they are judged
 BASES = 2  # single effects from which pairs are tried
 
 
+@dataclass(frozen=True)
+class Diagnosis:
+    """
+    What a diagnosis found.
+
+    Attributes
+    ----------
+    document : dict
+        In the form of ``diagnosis.json`` (DESIGN.md).
+    device : Device
+        The nominal device re-tuned, with the selected effects on.
+    devices : dict of str to Device
+        The same for each recording by name: what is new every time differs.
+    seconds : float
+        How long it took.
+    scores : dict
+        Powers of every hypothesis: what learning the thresholds needs.
+
+    """
+
+    document: dict
+    device: Device
+    devices: dict[str, Device]
+    seconds: float
+    scores: dict
+
+
 def _silent(message: str) -> None:
     """Say nothing."""
 
 
 def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = _silent,
-                 thresholds: Thresholds = DEFAULTS, traces: bool = True) -> dict:
+                 thresholds: Thresholds = DEFAULTS, traces: bool = True) -> Diagnosis:
     """
     Diagnose one recording set.
 
@@ -59,8 +87,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
 
     Returns
     -------
-    dict
-        In the form of ``diagnosis.json`` (DESIGN.md).
+    Diagnosis
 
     Raises
     ------
@@ -97,18 +124,20 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = removable.share(flexible)
     pairs: list[Ranked] = []
-    if singles[0].gain > thresholds.detect and singles[0].removed < thresholds.settled:
+    left = float(np.max(judge.powers(search.fits[singles[0].name].residual))) - 1.0
+    if singles[0].gain > thresholds.detect and left > thresholds.leftover:
         for ranked in singles[:BASES]:
             if ranked.gain > 0.5 * singles[0].gain:
                 search_partners(fitter, extent, search, ranked.name, progress)
-        pairs = _rank([n for n in search.fits if '+' in n], search, judge, removable)
+        together = [n for n in search.fits if '+' in n]
+        pairs = _rank(together, search, judge, removable, search.fits[singles[0].name])
     classes, unseen = isolability(fitter, search)
     structure = float(np.max(judge.powers(search.nominal.residual))) - 1.0
     verdict = decide(singles, pairs, ceiling, structure, classes, thresholds)
     chosen = _chosen(verdict.selected, search)
     progress('writing it up')
-    after_device = fitter.device_with(chosen.effects, chosen.phi)
-    after = simulate_set(after_device, checked.recordings)
+    devices = fitter.devices_of(chosen)
+    after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))
     behind = next((EFFECTS[n].block for n in (*verdict.selected, *(r.name for r in singles[:1]))
                    if EFFECTS[n].block in where.BEHIND_CHARGE), None)
     tuned_device = fitter.device_with({}, search.nominal.phi)
@@ -159,16 +188,20 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         result['traces'] = build_traces(
             checked.recordings, before, after if verdict.selected else None,
             {c: evidence.noise_rms(c) for c in evidence.channels})
-    result['_after_device'] = after_device
-    # What learning the thresholds needs: the powers of every hypothesis.
-    result['_scores'] = {
+    scores = {
         'weights': judge.weights.tolist(), 'forgiven': judge.forgiven.tolist(),
         'nominal': judge.powers(search.nominal.residual).tolist(), 'ceiling': ceiling,
         'structure': structure, 'classes': classes,
         'fits': {name: [judge.powers(fit.residual).tolist(), removable.share(fit.residual),
-                        len(fit.free), fit.cost] for name, fit in search.fits.items()}}
-    result['_seconds'] = time.perf_counter() - started
-    return result
+                        _count(fit), fit.cost] for name, fit in search.fits.items()}}
+    return Diagnosis(result, fitter.device_with(chosen.effects, chosen.phi),
+                     {r.name: d for r, d in zip(checked.recordings, devices)},
+                     time.perf_counter() - started, scores)
+
+
+def _count(fit: Fit) -> int:
+    """Return how many numbers a hypothesis chose."""
+    return len(fit.free) + (0 if fit.line is None else 2 + len(fit.line.phases))
 
 
 class _Removable:
@@ -193,12 +226,22 @@ class _Removable:
         return 1.0 - left / gap if gap > 0.0 else 0.0
 
 
-def _rank(names, search: Search, judge: Judge, removable: _Removable) -> list[Ranked]:
-    reference = judge.score(search.nominal.residual)
-    ranked = [Ranked(name, judge.score(search.fits[name].residual) - reference,
-                     removable.share(search.fits[name].residual), len(search.fits[name].free))
-              for name in names]
-    return sorted(ranked, key=lambda r: (-r.gain, r.name))
+def _rank(names, search: Search, judge: Judge, removable: _Removable,
+          reference: Fit | None = None) -> list[Ranked]:
+    """Return hypotheses, best first: singles by score, pairs by what they leave of a single."""
+    nominal = judge.score(search.nominal.residual)
+    strict = judge.strict(judge.powers(search.nominal.residual))
+    base = judge.powers((reference or search.nominal).residual)
+    ranked = []
+    for name in names:
+        fit = search.fits[name]
+        powers = judge.powers(fit.residual)
+        ranked.append(Ranked(
+            name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
+            _count(fit), judge.strict(powers) - strict, judge.left(powers, base)))
+    if reference is None:
+        return sorted(ranked, key=lambda r: (-r.gain, r.name))
+    return sorted(ranked, key=lambda r: (-r.strict, r.name))
 
 
 def _chosen(selected: tuple[str, ...], search: Search) -> Fit:
@@ -229,9 +272,9 @@ def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
     names = [r.name for r in singles]
     lowest = min(names, key=lambda name: search.fits[name].cost)
     bic = min(names, key=lambda name: search.fits[name].cost
-              + len(search.fits[name].free) * math.log(n))
+              + _count(search.fits[name]) * math.log(n))
     fall = search.nominal.cost - search.fits[bic].cost
-    bic_gap = fall > len(search.fits[bic].free) * math.log(n)
+    bic_gap = fall > _count(search.fits[bic]) * math.log(n)
     white = float(np.max(judge.powers(search.nominal.residual))) > 1.1
     return {
         'lowest_error': {'verdict': 'CAUSE', 'effect': lowest},

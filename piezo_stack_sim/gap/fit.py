@@ -18,10 +18,13 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import fitted_rows, residuals
 from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.tone import find_frequency, Line, Tone
 from piezo_stack_sim.plant import Device
 from scipy.optimize import lsq_linear
 
 STEPS = 4
+TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
+AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
 ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
 
 
@@ -84,6 +87,7 @@ class Fit:
     jacobian: np.ndarray | None = None
     simulations: int = 0
     view: tuple | None = None
+    line: Line | None = None
 
     @property
     def device_effects(self) -> dict[str, dict[str, float]]:
@@ -106,6 +110,16 @@ class Fitter:
         device = self.nuisance.apply(self.device, phi)
         return device.with_effects(effects) if effects else device
 
+    def devices_of(self, fit: Fit) -> list[Device]:
+        """Return the fitted device for each recording: what is new each time differs."""
+        devices = []
+        for i in range(len(self.evidence.tracks)):
+            effects = {name: dict(values) for name, values in fit.effects.items()}
+            if fit.line is not None:
+                effects[TONE]['phase'] = fit.line.phases.get(i, 0.0)
+            devices.append(self.device_with(effects, fit.phi))
+        return devices
+
     def prepare(self, parallel) -> None:
         """Take the derivative with respect to the nominal parameters, over all cores."""
         step = 2e-3
@@ -124,6 +138,14 @@ class Fitter:
         """Return the weighted residual (N,) of the re-tuned device with effects on."""
         values = {name: EFFECTS[name].values(given) for name, given in effects.items()}
         return self._residual(values, [], np.empty(0), phi)
+
+    def find_tone(self, effects: dict, phi: np.ndarray) -> tuple[Line, np.ndarray] | None:
+        """Return the line in what other effects leave, and the residual (N,) without it."""
+        others = {name: EFFECTS[name].values(given) for name, given in effects.items()
+                  if name != TONE}
+        residual = self._residual(others, [], np.empty(0), phi)
+        frequency = find_frequency(self.evidence, residual, self.rows)
+        return None if frequency is None else Tone(self.evidence, frequency).match(residual)
 
     def linear_gain(self, direction: np.ndarray, fit: Fit) -> tuple[float, float]:
         """
@@ -146,6 +168,9 @@ class Fitter:
         if fit.view is None:
             other = (fit.jacobian if fit.jacobian is not None else self.jacobian)[self.rows]
             n = other.shape[1] - self.nuisance.prior.size
+            # What has come to its bound can take no more of a gap.
+            stuck = np.abs(fit.phi) > AT_BOUND * self.nuisance.bound
+            other = other * np.concatenate([np.ones(n), ~stuck])
             precision = np.concatenate([np.full(n, 1e-6), self.nuisance.prior ** -2.0])
             inverse = np.linalg.inv(other.T @ other + np.diag(precision))
             left = fit.residual[self.rows]
@@ -180,6 +205,11 @@ class Fitter:
 
         """
         phi = np.zeros(len(self.nuisance.names)) if phi is None else phi.copy()
+        tone = None
+        if TONE in effects:
+            frequency = effects[TONE].get('frequency', 0.0)
+            tone = Tone(self.evidence, frequency)
+            fixed = (*fixed, TONE)
         free = [f for name, values in effects.items() if name not in fixed
                 for f in free_parameters(name, values)]
         effects = {name: EFFECTS[name].values(values) for name, values in effects.items()}
@@ -187,7 +217,7 @@ class Fitter:
         upper = np.array([f.limits[1] for f in free])
         walk = np.array([f.to_walk(effects[f.effect][f.parameter.name]) for f in free])
         walk = np.clip(walk, lower, upper)
-        residual = self._residual(effects, free, walk, phi)
+        residual = self._residual(effects, free, walk, phi, tone)
         cost = self.cost(residual, phi)
         used, damping = 1, 1e-3
         n = len(free)
@@ -198,7 +228,8 @@ class Fitter:
                 step = 0.02 if upper[j] - walk[j] > 0.02 else -0.02
                 moved = walk.copy()
                 moved[j] += step
-                jacobian[:, j] = (self._residual(effects, free, moved, phi) - residual) / step
+                jacobian[:, j] = (self._residual(effects, free, moved, phi, tone)
+                                  - residual) / step
             used += n
             seen = jacobian[self.rows]
             cross = seen.T @ self.seen_jacobian
@@ -214,7 +245,7 @@ class Fitter:
                     np.concatenate([lower - walk, -self.nuisance.bound - phi]),
                     np.concatenate([upper - walk, self.nuisance.bound - phi]))
                 new_walk, new_phi = walk + change[:n], phi + change[n:]
-                new_residual = self._residual(effects, free, new_walk, new_phi)
+                new_residual = self._residual(effects, free, new_walk, new_phi, tone)
                 used += 1
                 new_cost = self.cost(new_residual, new_phi)
                 if new_cost < cost:
@@ -228,9 +259,14 @@ class Fitter:
             damping = max(damping / 30.0, 1e-6)
             if progress < ENOUGH or (cost - new_cost) < 0.0:
                 break
-        return Fit(self._values(effects, free, walk), phi, residual, cost, free, walk,
+        values, line = self._values(effects, free, walk), None
+        if tone is not None:
+            line, _ = tone.match(self._residual(effects, free, walk, phi))
+            values[TONE].update(displacement=float(line.amplitudes[0]),
+                                phase=next(iter(line.phases.values()), 0.0))
+        return Fit(values, phi, residual, cost, free, walk,
                    np.column_stack([jacobian, self.jacobian]) if n else self.jacobian,
-                   simulations=used)
+                   simulations=used, line=line)
 
     def _values(self, effects, free, walk) -> dict[str, dict[str, float]]:
         values = {name: dict(given) for name, given in effects.items()}
@@ -240,10 +276,12 @@ class Fitter:
                                                      f.parameter.upper)
         return values
 
-    def _residual(self, effects, free, walk, phi) -> np.ndarray:
+    def _residual(self, effects, free, walk, phi, tone: Tone | None = None) -> np.ndarray:
+        values = self._values(effects, free, walk)
+        values.pop(TONE, None)  # matched to what the others leave, in each recording anew
         try:
-            return residuals(self.device_with(self._values(effects, free, walk), phi),
-                             self.evidence)
+            residual = residuals(self.device_with(values, phi), self.evidence)
+            return residual if tone is None else tone.match(residual)[1]
         except InputError:
             # Numbers that no device can have: infinitely bad, but not the end of the search.
             return np.full(self.base.size, 1e6)

@@ -21,6 +21,7 @@ from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.noise import integrated_correlation
 
 
+LOUD = 0.15  # excess over the noise power from which a track has something left
 FORM = 0.02  # part of a gap's power by which the true form of its cause may differ
 
 
@@ -56,6 +57,24 @@ class Judge:
         # A small floor: below the noise there is nothing to win.
         power = np.maximum(self.powers(residual), 0.3) + self.forgiven
         return -0.5 * float(np.sum(self.weights * np.log(power)))
+
+    def strict(self, powers: np.ndarray) -> float:
+        """Return the log score of powers with nothing forgiven: what noise alone would judge."""
+        return -0.5 * float(np.sum(self.weights * np.log(np.maximum(powers, 0.3))))
+
+    def left(self, powers: np.ndarray, reference: np.ndarray) -> float:
+        """
+        Return which part of what a reference leaves beyond the noise is still left, 0 to 1.
+
+        The mean over tracks, each with the weight of what the reference leaves
+        there in nats: a huge gap in one does not hide the others.
+        """
+        excess = np.maximum(reference - 1.0, 0.0)
+        nats = self.weights * np.log1p(excess) * (excess > LOUD)
+        if not nats.any():
+            return 1.0
+        ratio = np.clip((powers - 1.0) / np.maximum(excess, 1e-9), 0.0, 2.0)
+        return float(np.sum(nats * ratio) / np.sum(nats))
 
     def difference(self, residual: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
         """Return by how much a residual scores better than a reference, and its error."""

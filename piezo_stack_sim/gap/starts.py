@@ -97,6 +97,11 @@ def starts_of(effect: Effect, extent: Extent) -> list[dict[str, float]]:
     return places
 
 
+def is_scalable(effect: Effect) -> bool:
+    """Tell whether a linear look tells how strong an effect would have to be."""
+    return any(_is_linear(p) for p in effect.parameters)
+
+
 def rescaled(effect: Effect, place: dict[str, float], factor: float) -> dict[str, float]:
     """Return a place with its linear strengths multiplied, within their bounds."""
     out = dict(place)
@@ -128,8 +133,8 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
     if unit == 'Hz':
         wanted = [*extent.frequencies[:2], 300.0, 1000.0, 3000.0, 8000.0]
         return inside(wanted)
-    if unit == 'rad':
-        return inside([0.0, 2.0, 4.0])
+    if unit == 'N/m':
+        return inside([parameter.start, 0.02 * parameter.start])
     if math.isinf(parameter.neutral):
         if unit == 'V':
             edge = extent.voltage[1] if parameter.neutral > 0 else extent.voltage[0]
@@ -141,7 +146,7 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
             return inside([part * extent.displacement for part in (0.95, 0.8, 0.5)])
         if unit == 'A':
             return inside([part * extent.current for part in (0.8, 0.3, 0.1)])
-        return inside(np.geomspace(max(low, 1e-12), high, 5)[1:-1])
+        return inside([parameter.typical * 10.0 ** k for k in (-1.5, -0.5, 0.5, 1.5, 2.5)])
     if parameter.name == 'time_constant':
         return inside([part * extent.duration for part in (0.1, 0.5)])
     return inside([parameter.start])

@@ -23,7 +23,7 @@ class Thresholds:
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 20.0  # gain of a second effect that counts
     second_share: float = 0.5  # part of what the first leaves that the second must remove
-    settled: float = 0.97  # part removed by one effect beyond which no second is sought
+    leftover: float = 0.2  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     too_many: int = 9  # effects in a set from which nothing is identified
@@ -40,6 +40,8 @@ class Ranked:
     gain: float  # log score over the re-tuned nominal device, nats
     removed: float  # part of the removable gap that it removes
     parameters: int
+    strict: float = 0.0  # gain without forgiving differences in form, nats
+    left: float = 1.0  # part of what the best single effect leaves that is still left
 
 
 def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS) -> np.ndarray:
@@ -127,12 +129,10 @@ def _percent(part: float) -> str:
 
 
 def _second_counts(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
-    if best.removed > t.settled:
-        return False
-    left, then = 1.0 - best.removed, 1.0 - pair.removed
+    """Tell whether a second effect is needed: it must remove most of what the first leaves."""
     extra = pair.parameters - best.parameters
-    return (pair.gain - best.gain > t.second + 2.0 * extra
-            and left - then > t.second_share * left)
+    return (pair.strict - best.strict > t.second + 2.0 * extra
+            and pair.left < 1.0 - t.second_share)
 
 
 def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:

@@ -44,10 +44,9 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     device = load_device(params)
     progress('reading the recordings')
     recordings = read_set(list(paths), mapping=mapping, units=units)
-    diagnosis = diagnose_set(recordings, device, progress)
-    corrected = diagnosis.pop('_after_device')
-    diagnosis.pop('_scores')
-    diagnosis['how']['settings']['seconds'] = round(diagnosis.pop('_seconds'), 1)
+    found = diagnose_set(recordings, device, progress)
+    diagnosis, corrected = found.document, found.device
+    diagnosis['how']['settings']['seconds'] = round(found.seconds, 1)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     files = {name: str(folder / file) for name, file in (

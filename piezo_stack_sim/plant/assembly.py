@@ -64,6 +64,7 @@ class Model:
     smooth_voltage: tuple[float, float] = (0.0, 0.0)
     smooth_force: tuple[float, float] = (0.0, 0.0)
     previous_peak_voltage: float = 0.0
+    branch_difference: float = 0.0
     fast_rates: list[float] = field(default_factory=list)
     slow_rates: list[float] = field(default_factory=list)
     command_maps: list[Callable] = field(default_factory=list)

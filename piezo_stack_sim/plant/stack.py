@@ -165,7 +165,8 @@ class Plant:
         self.time = 0.0
         self._ticks = 0
         self._s = system.initial.copy()
-        self._p = np.zeros(system.k.size)
+        # Elements that break later one way than the other are ones that start off their middle.
+        self._p = model.branch_difference * np.where(np.isfinite(system.r), system.r, 0.0)
         self._flags = np.zeros(kernel.N_FLAGS, dtype=np.int64)
         self._inputs = np.zeros(kernel.N_INPUTS)
         self._inputs[kernel.ONE] = 1.0
