@@ -15,7 +15,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
 from piezo_stack_sim.gap.forward import parallel
-from piezo_stack_sim.gap.starts import Extent, is_scalable, rescaled, starts_of
+from piezo_stack_sim.gap.starts import Extent, Place, starts_of
 
 PLACES = 2  # places of an effect from which a fit sets out
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
@@ -26,6 +26,7 @@ FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
 RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
 PARTNERS = 5  # second effects that get a whole fit
 PAIR_STEPS = 4
+PAIRS_POLISHED = 3
 POLISHING = 8
 
 
@@ -35,9 +36,10 @@ class Probe:
 
     effect: str
     place: dict[str, float]
-    direction: np.ndarray | None  # (N,) change of the residual
+    direction: np.ndarray | None  # (N, k) changes of the residual, one per strength
     gain: float = 0.0  # fall of the cost that a linear look promises
     order: float = 0.0  # by which the places of an effect are ordered
+    look: Place = Place({}, {})
 
 
 @dataclass
@@ -54,7 +56,7 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     search = Search(fitter.fit({}, steps=4))
     nominal = search.nominal
     jobs = [(name, place) for name, effect in EFFECTS.items()
-            for place in ([{}] if name == TONE else starts_of(effect, extent))]
+            for place in ([Place({}, {})] if name == TONE else starts_of(effect, extent))]
 
     def probe(job):
         name, place = job
@@ -98,9 +100,8 @@ def _untouched(name: str, nominal: Fit) -> Fit:
     return replace(nominal, effects={name: neutral}, view=None, simulations=0)
 
 
-def polish(fitter: Fitter, search: Search, count: int) -> None:
-    """Fit the best hypotheses to the end: a screening fit stops where it is clear enough."""
-    best = sorted(search.fits, key=lambda name: search.fits[name].cost)[:count]
+def polish(fitter: Fitter, search: Search, best: list[str]) -> None:
+    """Fit hypotheses to the end: a screening fit stops where it is clear enough."""
     worth = [name for name in best if search.nominal.cost - search.fits[name].cost > WORTH]
 
     def whole(name):
@@ -117,40 +118,54 @@ def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,
     """Fit pairs of ``base`` and every other effect that promises something."""
     fit = search.fits[base]
     used = base.split('+')
-    # How an effect moves the outputs hardly depends on the other being on: no new simulation.
-    promises: list[tuple[float, Probe]] = []
+    promises: list[tuple[float, str, dict[str, float]]] = []
     for name, probes in search.probes.items():
-        seen = [(fitter.linear_gain(p.direction, fit)[0], p) for p in probes
-                if p.direction is not None]
-        if name not in used and seen:
-            promises.append(max(seen, key=lambda pair: pair[0]))
-    promises.sort(key=lambda pair: -pair[0])
-    ranked = [probe for gain, probe in promises[:PARTNERS] if gain > 0.02 * promises[0][0]]
+        if name not in used:
+            promises.append(max((_promise(fitter, fit, probe) for probe in probes),
+                                key=lambda promise: promise[0]))
+    promises.sort(key=lambda promise: -promise[0])
+    ranked = [promise for promise in promises[:PARTNERS] if promise[0] > 0.02 * promises[0][0]]
 
-    def whole(probe):
-        effects = {**fit.effects, probe.effect: probe.place}
-        return '+'.join(sorted([*used, probe.effect], key=list(EFFECTS).index)), fitter.fit(
-            effects, fit.phi, steps=PAIR_STEPS)
+    def whole(promise):
+        _, name, place = promise
+        return '+'.join(sorted([*used, name], key=list(EFFECTS).index)), fitter.fit(
+            {**fit.effects, name: place}, fit.phi, steps=PAIR_STEPS)
 
     progress(f'fitting pairs with {base}')
+    fitted = {}
     for name, pair in parallel(whole, ranked):
+        fitted[name] = pair
         if name not in search.fits or pair.cost < search.fits[name].cost:
             search.fits[name] = pair
+    polish(fitter, search, sorted(fitted, key=lambda name: fitted[name].cost)[:PAIRS_POLISHED])
 
 
-def _probe(fitter: Fitter, name: str, place: dict[str, float], others: dict, fit: Fit) -> Probe:
+def _promise(fitter: Fitter, fit: Fit, probe: Probe) -> tuple[float, str, dict[str, float]]:
+    """Return what a second effect promises beside a fit, and where to start it."""
+    if probe.effect == TONE:
+        probe = _probe_tone(fitter, fit.effects, fit)
+        return probe.gain, TONE, probe.place
+    if probe.direction is None:
+        return 0.0, probe.effect, probe.place
+    # How an effect moves the outputs hardly depends on the other being on: no new simulation.
+    gain, factors = fitter.linear_gain(probe.direction, fit)
+    place = (probe.look.at(EFFECTS[probe.effect], factors) if probe.look.strengths
+             else probe.place)
+    return gain, probe.effect, place
+
+
+def _probe(fitter: Fitter, name: str, place: Place, others: dict, fit: Fit) -> Probe:
     if name == TONE:
         return _probe_tone(fitter, others, fit)
-    moved = fitter.residual_of({**others, name: place}, fit.phi)
-    direction = moved - fit.residual
-    if not np.isfinite(direction).all() or np.abs(direction).max() > 1e9:
-        return Probe(name, place, None)
-    gain, factor = fitter.linear_gain(direction, fit)
-    full_step = fitter.cost(fit.residual, fit.phi) - fitter.cost(moved, fit.phi)
-    effect = EFFECTS[name]
-    gain = max(gain, full_step)
-    return Probe(name, rescaled(effect, place, factor), direction.astype(np.float32), gain,
-                 gain if is_scalable(effect) else full_step)
+    moved = [fitter.residual_of({**others, name: values}, fit.phi) for values in place.looks]
+    directions = np.column_stack([m - fit.residual for m in moved])
+    if not np.isfinite(directions).all() or np.abs(directions).max() > 1e9:
+        return Probe(name, place.looks[0], None)
+    gain, factors = fitter.linear_gain(directions, fit)
+    full_step = max(fitter.cost(fit.residual, fit.phi) - fitter.cost(m, fit.phi) for m in moved)
+    there = place.at(EFFECTS[name], factors) if place.strengths else place.shape
+    return Probe(name, there, directions.astype(np.float32), max(gain, full_step),
+                 max(gain, full_step) if place.strengths else full_step, place)
 
 
 def _probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:
@@ -160,4 +175,5 @@ def _probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:
     line, left = found
     place = {'frequency': line.frequency, 'displacement': float(line.amplitudes[0])}
     gain = fitter.cost(fit.residual, fit.phi) - fitter.cost(left, fit.phi)
-    return Probe(TONE, place, (left - fit.residual).astype(np.float32), gain, gain)
+    return Probe(TONE, place, (left - fit.residual).astype(np.float32)[:, None],
+                 gain, gain)

@@ -112,7 +112,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     fitter.prepare(parallel)
     extent = extent_of(evidence, fitter.base, spans(evidence))
     search = search_singles(fitter, extent, progress)
-    polish(fitter, search, POLISHED)
+    polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
     names = [name for name in search.fits if '+' not in name]
     judge = Judge.from_residual(
         evidence, min((search.fits[n] for n in names), key=lambda f: f.cost).residual,

@@ -22,7 +22,7 @@ from piezo_stack_sim.gap.tone import find_frequency, Line, Tone
 from piezo_stack_sim.plant import Device
 from scipy.optimize import lsq_linear
 
-STEPS = 4
+STEPS = 6
 TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
 ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
@@ -147,21 +147,39 @@ class Fitter:
         frequency = find_frequency(self.evidence, residual, self.rows)
         return None if frequency is None else Tone(self.evidence, frequency).match(residual)
 
-    def linear_gain(self, direction: np.ndarray, fit: Fit) -> tuple[float, float]:
+    def linear_gain(self, directions: np.ndarray, fit: Fit) -> tuple[float, np.ndarray]:
         """
-        Return by how much the cost would fall along a direction of the residual, and how far.
+        Return by how much the cost would fall along directions of the residual, and how far.
 
-        Everything that ``fit`` was free to choose may move with it.  How far is
-        a multiple of ``direction``.
+        Everything that ``fit`` was free to choose may move with them.
+
+        Parameters
+        ----------
+        directions : ndarray, shape (N, k)
+            Changes of the residual.
+        fit : Fit
+            Where to start.
+
+        Returns
+        -------
+        gain : float
+            Fall of the sum of squares.
+        factors : ndarray, shape (k,)
+            Multiples of the directions that bring it.
+
         """
         other, inverse, left = self._view(fit)
-        seen = direction[self.rows]
+        seen = directions[self.rows].astype(float)
         clear = seen - other @ (inverse @ (other.T @ seen))
-        length = float(clear @ clear)
-        if length < 1e-9:
-            return 0.0, 0.0
-        along = float(clear @ left)
-        return along ** 2 / length, -along / length
+        square = clear.T @ clear
+        length = np.diag(square)
+        if not np.any(length > 1e-9):
+            return 0.0, np.zeros(length.size)
+        scale = 1.0 / np.sqrt(np.maximum(length, 1e-9))
+        alike = square * np.outer(scale, scale) + 1e-6 * np.eye(length.size)
+        along = scale * (clear.T @ left)
+        factors = np.linalg.solve(alike, along)
+        return float(along @ factors), -scale * factors
 
     def _view(self, fit: Fit):
         """Return what a linear look at a fit needs: free directions and what they leave."""
@@ -223,14 +241,17 @@ class Fitter:
         n = len(free)
         jacobian = np.empty((residual.size, n))
         precision = np.concatenate([np.zeros(n), self.nuisance.prior ** -2.0])
+        stale, fresh = True, False
         for _ in range(steps):
-            for j in range(n):
-                step = 0.02 if upper[j] - walk[j] > 0.02 else -0.02
-                moved = walk.copy()
-                moved[j] += step
-                jacobian[:, j] = (self._residual(effects, free, moved, phi, tone)
-                                  - residual) / step
-            used += n
+            if stale:
+                for j in range(n):
+                    step = 0.02 if upper[j] - walk[j] > 0.02 else -0.02
+                    moved = walk.copy()
+                    moved[j] += step
+                    jacobian[:, j] = (self._residual(effects, free, moved, phi, tone)
+                                      - residual) / step
+                used += n
+                stale, fresh = False, True
             seen = jacobian[self.rows]
             cross = seen.T @ self.seen_jacobian
             now = residual[self.rows]
@@ -253,12 +274,23 @@ class Fitter:
                     break
                 damping = max(damping, 1e-3) * 30.0
             if not fallen:
-                break
+                if fresh or not n:
+                    break
+                stale, damping = True, 1e-3
+                continue
+            if n and np.any(change[:n]):
+                # Broyden: what the step taught about the derivative costs no simulation.
+                missed = (new_residual - residual - jacobian @ change[:n]
+                          - self.jacobian @ change[n:])
+                jacobian += np.outer(missed, change[:n] / (change[:n] @ change[:n]))
             progress = (cost - new_cost) / max(cost, 1.0)
             walk, phi, residual, cost = new_walk, new_phi, new_residual, new_cost
             damping = max(damping / 30.0, 1e-6)
-            if progress < ENOUGH or (cost - new_cost) < 0.0:
-                break
+            if progress < ENOUGH:
+                if fresh or not n:
+                    break
+                stale = True
+            fresh = False
         values, line = self._values(effects, free, walk), None
         if tone is not None:
             line, _ = tone.match(self._residual(effects, free, walk, phi))

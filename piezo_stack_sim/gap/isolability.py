@@ -32,8 +32,9 @@ def isolability(fitter: Fitter, search: Search) -> tuple[list[list[str]], list[s
         for probe in probes:
             if probe.direction is None:
                 continue
-            seen = probe.direction[fitter.rows].astype(float)
-            clear.append(seen - other @ (inverse @ (other.T @ seen)))
+            for direction in probe.direction.T:
+                seen = direction[fitter.rows].astype(float)
+                clear.append(seen - other @ (inverse @ (other.T @ seen)))
         longest = max(clear, key=np.linalg.norm, default=None)
         if longest is None or np.linalg.norm(longest) < SEEN:
             unseen.append(name)

@@ -74,41 +74,48 @@ def _peaks(evidence, residual, spans) -> tuple[float, ...]:
     return tuple(dict.fromkeys(f for _, f in found[:3] if f > 0.0))
 
 
-def starts_of(effect: Effect, extent: Extent) -> list[dict[str, float]]:
-    """
-    Return the places (parameter values, SI) from which to look at an effect.
+@dataclass(frozen=True)
+class Place:
+    """Where to look at an effect: what shapes it, and what to switch on by itself in turn."""
 
-    What shapes an effect is tried in combination; of what makes it strong, one
-    parameter at a time, weak and typical: a linear look from there tells the
-    rest.
+    shape: dict[str, float]
+    strengths: dict[str, float]
+
+    @property
+    def looks(self) -> list[dict[str, float]]:
+        """Return the parameter values (SI) to simulate, one per strength."""
+        if not self.strengths:
+            return [self.shape]
+        return [{**self.shape, name: value} for name, value in self.strengths.items()]
+
+    def at(self, effect: Effect, factors: np.ndarray) -> dict[str, float]:
+        """Return the values with the strengths multiplied by (k,) factors, within bounds."""
+        out = dict(self.shape)
+        bounds = {p.name: (p.lower, p.upper) for p in effect.parameters}
+        for (name, value), factor in zip(self.strengths.items(), factors):
+            low, high = bounds[name]
+            out[name] = min(max(float(factor) * value, low), high)
+        return out
+
+
+def starts_of(effect: Effect, extent: Extent) -> list[Place]:
     """
-    strong = [p for p in effect.parameters if _is_linear(p)]
+    Return the places from which to look at an effect.
+
+    What shapes an effect is tried in combination; what makes it strong is
+    switched on weakly, for a linear look from there tells the rest.
+    """
+    strong = [p for p in effect.parameters if _is_linear(p) and _strength(p)]
     shapes = [[(p.name, value) for value in _choices(p, extent)]
               for p in effect.parameters if not _is_linear(p)]
     parts = STRENGTHS if len(strong) == 1 and all(len(s) == 1 for s in shapes) else (STRENGTH,)
-    strengths = [{p.name: part * _strength(p)} for p in strong if _strength(p)
-                 for part in parts] or [{}]
-    places = [{**dict(shape), **strength} for strength in strengths
-              for shape in itertools.product(*shapes)]
+    places = [Place(dict(shape), {p.name: part * _strength(p) for p in strong})
+              for part in (parts if strong else (1.0,)) for shape in itertools.product(*shapes)]
     if len(places) > MOST:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
         places = [places[i] for i in pick]
     return places
-
-
-def is_scalable(effect: Effect) -> bool:
-    """Tell whether a linear look tells how strong an effect would have to be."""
-    return any(_is_linear(p) for p in effect.parameters)
-
-
-def rescaled(effect: Effect, place: dict[str, float], factor: float) -> dict[str, float]:
-    """Return a place with its linear strengths multiplied, within their bounds."""
-    out = dict(place)
-    for p in effect.parameters:
-        if _is_linear(p) and p.name in out:
-            out[p.name] = min(max(factor * out[p.name], p.lower), p.upper)
-    return out
 
 
 def _is_linear(parameter: Parameter) -> bool:
