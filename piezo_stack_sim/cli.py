@@ -109,6 +109,8 @@ def main(argv=None):
         130 interrupted, 141 nobody reads the output any more.
 
     """
+    # Small products of matrices from many threads: a BLAS with threads of its own only spins.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     argv = list(sys.argv[1:] if argv is None else argv) or ['--help']
     try:
         try:
