@@ -25,7 +25,7 @@ EFFECT = Effect(
     (
         Parameter('coulomb_force', 'N', 0.0, 0.0, 50.0, 5.0, 'force while sliding',
                   runtime=False),
-        Parameter('presliding', 'm', 5e-8, 1e-8, 2e-6, 5e-8,
+        Parameter('presliding', 'm', 5e-8, 1e-9, 2e-6, 5e-8,
                   'displacement before it slides', scale='log', magnitude=False, default=5e-8,
                   runtime=False),
     ),

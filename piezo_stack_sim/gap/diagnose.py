@@ -132,7 +132,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         together = [n for n in search.fits if '+' in n]
         pairs = _rank(together, search, judge, removable, search.fits[singles[0].name])
     classes, unseen = isolability(fitter, search)
-    structure = float(np.max(judge.powers(search.nominal.residual))) - 1.0
+    structure = judge.structure(search.nominal.residual)
     verdict = decide(singles, pairs, ceiling, structure, classes, thresholds)
     chosen = _chosen(verdict.selected, search)
     progress('writing it up')
@@ -171,7 +171,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         'shrinkage': shrinkage_part(evidence, fitter.base, chosen.residual, flexible,
                                     blackbox.placebo_correction(evidence, fitter.base)),
         'remaining': {'gap': gap_part(evidence, after),
-                      'structured': bool(np.max(judge.powers(chosen.residual)) > 1.3)},
+                      'structured': judge.structure(chosen.residual) > thresholds.excess},
         'next_experiment': None,
         'warnings': _warnings(chosen, verdict),
         'baselines': _baselines(singles, search, fitter, judge),

@@ -21,6 +21,7 @@ from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.noise import integrated_correlation
 
 
+SURE = 4.5  # standard deviations from which an excess is no chance: dozens of tracks are looked at
 LOUD = 0.15  # excess over the noise power from which a track has something left
 FORM = 0.02  # part of a gap's power by which the true form of its cause may differ
 
@@ -51,6 +52,12 @@ class Judge:
         return np.array([
             float(np.mean(residual[where][~self.evidence.tracks[i].fitted] ** 2))
             for (i, _), where in zip(self.evidence.keys, spans(self.evidence))])
+
+    def structure(self, residual: np.ndarray) -> float:
+        """Return the largest excess over the noise power that is not chance, 0 if none is."""
+        excess = self.powers(residual) - 1.0
+        sure = excess > SURE * np.sqrt(2.0 / self.weights)
+        return float(np.max(np.where(sure, excess, 0.0), initial=0.0))
 
     def score(self, residual: np.ndarray) -> float:
         """Return the log score of a residual vector; greater is better."""

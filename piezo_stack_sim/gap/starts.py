@@ -17,7 +17,7 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 from piezo_stack_sim.gap.evidence import Evidence
 
 MOST = 12  # places from which an effect is looked at
-STRENGTHS = (0.1, 1.0)  # of a typical strength, for an effect with one number
+STRENGTHS = (0.05, 1.0)  # of a typical strength, for an effect with one number
 STRENGTH = 0.3  # for one with several
 
 
@@ -108,7 +108,10 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
     strong = [p for p in effect.parameters if _is_linear(p) and _strength(p)]
     shapes = [[(p.name, value) for value in _choices(p, extent)]
               for p in effect.parameters if not _is_linear(p)]
-    parts = STRENGTHS if len(strong) == 1 and all(len(s) == 1 for s in shapes) else (STRENGTH,)
+    # A length in the shape is what a force is compared with: weak and strong look different.
+    parts = STRENGTHS if len(strong) == 1 and (
+        all(len(s) == 1 for s in shapes) or any(p.unit == 'm' for p in effect.parameters
+                                                if not _is_linear(p))) else (STRENGTH,)
     places = [Place(dict(shape), {p.name: part * _strength(p) for p in strong})
               for part in (parts if strong else (1.0,)) for shape in itertools.product(*shapes)]
     if len(places) > MOST:
@@ -154,6 +157,8 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
         if unit == 'A':
             return inside([part * extent.current for part in (0.8, 0.3, 0.1)])
         return inside([parameter.typical * 10.0 ** k for k in (-1.5, -0.5, 0.5, 1.5, 2.5)])
+    if unit == 'm':
+        return inside([parameter.start, 0.1 * parameter.start])
     if parameter.name == 'time_constant':
         return inside([part * extent.duration for part in (0.1, 0.5)])
     return inside([parameter.start])
