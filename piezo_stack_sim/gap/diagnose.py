@@ -34,6 +34,7 @@ from piezo_stack_sim.recording.recording import RecordingSet
 
 POLISHED = 3  # single effects that are fitted to the end before they are judged
 BASES = 2  # single effects from which pairs are tried
+RIVAL = 0.7  # part of the best gain from which a second one is tried
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     left = float(np.max(judge.powers(search.fits[singles[0].name].residual))) - 1.0
     if singles[0].gain > thresholds.detect and left > thresholds.leftover:
         for ranked in singles[:BASES]:
-            if ranked.gain > 0.5 * singles[0].gain:
+            if ranked.gain > RIVAL * singles[0].gain:
                 search_partners(fitter, extent, search, ranked.name, progress)
         together = [n for n in search.fits if '+' in n]
         pairs = _rank(together, search, judge, removable, search.fits[singles[0].name])

@@ -24,6 +24,7 @@ from scipy.optimize import lsq_linear
 
 STEPS = 6
 TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
+NUDGE = 2e-3  # relative change of a nominal parameter from which its derivative is taken
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
 ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
 
@@ -122,13 +123,12 @@ class Fitter:
 
     def prepare(self, parallel) -> None:
         """Take the derivative with respect to the nominal parameters, over all cores."""
-        step = 2e-3
         zero = np.zeros(len(self.nuisance.names))
 
         def column(i):
             phi = zero.copy()
-            phi[i] = step
-            return (residuals(self.device_with({}, phi), self.evidence) - self.base) / step
+            phi[i] = NUDGE
+            return (residuals(self.device_with({}, phi), self.evidence) - self.base) / NUDGE
 
         self.jacobian = np.column_stack(parallel(column, range(zero.size)))
         self.seen_jacobian = self.jacobian[self.rows]
@@ -202,7 +202,7 @@ class Fitter:
         return float(seen @ seen + np.sum((phi / self.nuisance.prior) ** 2))
 
     def fit(self, effects: dict[str, dict[str, float]], phi: np.ndarray | None = None,
-            steps: int = STEPS, fixed: tuple[str, ...] = ()) -> Fit:
+            steps: int = STEPS, fixed: tuple[str, ...] = (), anew: bool = False) -> Fit:
         """
         Fit effects, starting from the values given, and the nominal parameters.
 
@@ -216,6 +216,9 @@ class Fitter:
             The most Gauss-Newton steps.
         fixed : tuple of str
             Effects whose values stay.
+        anew : bool
+            Whether to take the derivative with respect to the nominal parameters
+            again where the fit starts, with the effects on.
 
         Returns
         -------
@@ -240,6 +243,15 @@ class Fitter:
         used, damping = 1, 1e-3
         n = len(free)
         jacobian = np.empty((residual.size, n))
+        nominal, nominal_seen, nominal_square = (
+            self.jacobian, self.seen_jacobian, self.nominal_square)
+        if anew:
+            nominal = np.column_stack([
+                (self._residual(effects, free, walk, phi + step, tone) - residual) / NUDGE
+                for step in NUDGE * np.eye(phi.size)])
+            nominal_seen = nominal[self.rows]
+            nominal_square = nominal_seen.T @ nominal_seen
+            used += phi.size
         precision = np.concatenate([np.zeros(n), self.nuisance.prior ** -2.0])
         stale, fresh = True, False
         for _ in range(steps):
@@ -253,11 +265,11 @@ class Fitter:
                 used += n
                 stale, fresh = False, True
             seen = jacobian[self.rows]
-            cross = seen.T @ self.seen_jacobian
+            cross = seen.T @ nominal_seen
             now = residual[self.rows]
-            square = np.block([[seen.T @ seen, cross], [cross.T, self.nominal_square]])
+            square = np.block([[seen.T @ seen, cross], [cross.T, nominal_square]])
             slope = np.concatenate([
-                seen.T @ now, self.seen_jacobian.T @ now])
+                seen.T @ now, nominal_seen.T @ now])
             slope += precision * np.concatenate([walk, phi])
             fallen = False
             for _ in range(3):
@@ -281,7 +293,7 @@ class Fitter:
             if n and np.any(change[:n]):
                 # Broyden: what the step taught about the derivative costs no simulation.
                 missed = (new_residual - residual - jacobian @ change[:n]
-                          - self.jacobian @ change[n:])
+                          - nominal @ change[n:])
                 jacobian += np.outer(missed, change[:n] / (change[:n] @ change[:n]))
             progress = (cost - new_cost) / max(cost, 1.0)
             walk, phi, residual, cost = new_walk, new_phi, new_residual, new_cost
@@ -297,7 +309,7 @@ class Fitter:
             values[TONE].update(displacement=float(line.amplitudes[0]),
                                 phase=next(iter(line.phases.values()), 0.0))
         return Fit(values, phi, residual, cost, free, walk,
-                   np.column_stack([jacobian, self.jacobian]) if n else self.jacobian,
+                   np.column_stack([jacobian, nominal]) if n else nominal,
                    simulations=used, line=line)
 
     def _values(self, effects, free, walk) -> dict[str, dict[str, float]]:

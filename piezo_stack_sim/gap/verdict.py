@@ -18,11 +18,12 @@ class Thresholds:
     """What was learned on the development set; scores in nats."""
 
     detect: float = 12.0  # gain of the best effect over none that counts as a gap
-    excess: float = 1.0  # mean square beyond that of the noise that counts as structure
-    temperature: float = 8.0  # nats by which two effects must differ to be told apart
+    excess: float = 0.12  # mean square beyond that of the noise that counts as structure
+    temperature: float = 2.5  # nats by which two effects must differ to be told apart
+    form: float = 0.01  # part of the gain by which the true form of a cause may mislead
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 20.0  # gain of a second effect that counts
-    second_share: float = 0.5  # part of what the first leaves that the second must remove
+    second_share: float = 0.65  # part of what the first leaves that the second must remove
     leftover: float = 0.2  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
@@ -55,8 +56,8 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS) -> np
     gains = np.array([r.gain for r in ranked])
     best = ranked[int(np.argmax(gains))]
     # What the best leaves, no hypothesis of the library has the form of.
-    temperature = thresholds.temperature + 0.05 * max(best.gain, 0.0) * (1.0 - min(
-        max(best.removed, 0.0), 1.0))
+    unknown = thresholds.form + 0.05 * (1.0 - min(max(best.removed, 0.0), 1.0))
+    temperature = thresholds.temperature + unknown * max(best.gain, 0.0)
     scaled = (gains - gains.max()) / temperature
     weight = np.exp(scaled)
     return weight / weight.sum()
