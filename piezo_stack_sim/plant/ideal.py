@@ -15,7 +15,7 @@ from numba import njit
 import numpy as np
 
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
-from piezo_stack_sim.plant.kernel import (
+from piezo_stack_sim.plant.layout import (
     A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, MAX_EVENTS, U)
 
 # Constants of a mode, one row for each number of slipping elements.
