@@ -24,6 +24,8 @@ import numpy as np
 from piezo_stack_sim.plant import layout
 from piezo_stack_sim.plant.reference import Reference
 
+INSTANT = 5e-9  # s; a lag shorter than a tenth of a tick of the kernel is none
+
 
 @dataclass
 class Model:
@@ -123,6 +125,8 @@ class Model:
 
     def drive_through(self, name: str, rate_constant: float) -> None:
         """Put a first-order lag with ``rate_constant`` (1/s) between command and terminals."""
+        if rate_constant * INSTANT > 1.0:
+            return
         self.add_state(name, {'command': rate_constant, name: -rate_constant})
         self.source_state = name
         self.fast_rates.append(rate_constant)
@@ -222,7 +226,14 @@ def assemble(model: Model) -> System:
         # An ideal source behind a limiter needs some resistance to be causal;
         # 1 ohm with a fraction of a microfarad is faster than any row.
         model.output_resistance = resistance = 1.0
-    charge_is_state = voltage_driven and resistance > 0.0
+    elastance = (float(np.sum(model.maxwell_k)) + 1.0 / model.C
+                 + abs(model.voltage_terms.get('charge', 0.0)))
+    if limited:
+        # Faster charging would drown in rounding what is left of a motion.
+        missing = INSTANT * elastance - resistance
+        model.output_resistance += max(0.0, missing)
+        resistance += max(0.0, missing)
+    charge_is_state = voltage_driven and (limited or resistance > INSTANT * elastance)
 
     names = ['displacement', 'velocity']
     if charge_is_state:
@@ -284,8 +295,8 @@ def assemble(model: Model) -> System:
     real[layout.R_MASS] = model.m
     real[layout.R_STIFFNESS] = model.k
     real[layout.R_DAMPING] = model.b
-    real[layout.R_RESISTANCE] = model.output_resistance
-    real[layout.R_INTERNAL] = model.internal_resistance
+    real[layout.R_RESISTANCE] = model.output_resistance if charge_is_state else 0.0
+    real[layout.R_INTERNAL] = model.internal_resistance if charge_is_state else 0.0
     real[layout.R_LIMIT] = model.current_limit if limited else 0.0
     real[layout.R_FRICTION_K] = model.friction_stiffness
     real[layout.R_FRICTION_F] = model.friction_force
@@ -302,7 +313,6 @@ def assemble(model: Model) -> System:
     omega_max = max([math.sqrt(stiffest / model.m), *model.slow_rates])
     rate_max = max([omega_max, model.b / model.m, *model.fast_rates])
     if charge_is_state:
-        elastance = float(k.sum()) + 1.0 / model.C + abs(opposing[0, n_states])
         rate_max = max(rate_max, elastance / resistance)
     real[layout.R_RATE_MAX] = rate_max
 

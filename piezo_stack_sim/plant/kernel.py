@@ -103,7 +103,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     smooth = ip[I_SMOOTH] != 0
     columns = used + (N_RAMPS if smooth else 0)
     exact = n_states == 2 and not smooth
-    relaxing = ip[I_RELAXING] != 0
+    relaxing = ip[I_RELAXING] != 0 or smooth
     limited = ip[I_LIMITER] != 0
     displaced = ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0
     n_look = (W_WANT if limited else W_Q1) + 1
