@@ -68,6 +68,7 @@ class Model:
     previous_peak_voltage: float = 0.0
     fast_rates: list[float] = field(default_factory=list)
     slow_rates: list[float] = field(default_factory=list)
+    reading_rates: list[float] = field(default_factory=list)
     command_maps: list[Callable] = field(default_factory=list)
     reading_maps: list[Callable] = field(default_factory=list)
     states: list[str] = field(default_factory=list)
@@ -121,7 +122,7 @@ class Model:
         terms[name] = terms.get(name, 0.0) - rate_constant
         self.add_state(name, terms)
         self.reading_terms = {name: 1.0}
-        self.fast_rates.append(rate_constant)
+        self.reading_rates.append(rate_constant)
 
     def drive_through(self, name: str, rate_constant: float) -> None:
         """Put a first-order lag with ``rate_constant`` (1/s) between command and terminals."""
@@ -311,9 +312,13 @@ def assemble(model: Model) -> System:
     stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness
                 + model.contact_stiffness)
     omega_max = max([math.sqrt(stiffest / model.m), *model.slow_rates])
-    rate_max = max([omega_max, model.b / model.m, *model.fast_rates])
+    quickest = max(model.fast_rates, default=0.0)
     if charge_is_state:
-        rate_max = max(rate_max, elastance / resistance)
+        quickest = max(quickest, elastance / resistance)
+        # The quicker the charge follows, the more its rate shows of what a port strays.
+        real[layout.R_TOL] *= min(1.0, max(0.02, resistance / elastance / 1e-7))
+    rate_max = max([omega_max, model.b / model.m, quickest, *model.reading_rates])
+    real[layout.R_QUICKEST] = quickest
     real[layout.R_RATE_MAX] = rate_max
 
     ints = np.zeros(layout.N_INT, dtype=np.int64)
@@ -324,9 +329,8 @@ def assemble(model: Model) -> System:
     ints[layout.I_LIMITER] = limited and charge_is_state
     ints[layout.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
     ints[layout.I_CLAMPED] = model.clamped
-    # What relaxes as fast as the end swings makes a jump visible for a while.
-    ints[layout.I_RELAXING] = charge_is_state or max(model.fast_rates, default=0.0) > (
-        0.1 * omega_max)
+    # What relaxes as fast as the end swings shows for a while after a jump.
+    ints[layout.I_RELAXING] = quickest > 0.1 * omega_max
     # The ideal stack needs three inputs; the neutral rest is not worked with.
     used = np.flatnonzero(np.any(rates[:, base:] != 0.0, axis=0)
                           | np.any(reading[:, base:] != 0.0, axis=0))

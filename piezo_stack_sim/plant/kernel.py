@@ -22,7 +22,7 @@ from piezo_stack_sim.plant.events import first_event
 from piezo_stack_sim.plant.layout import (
     F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_INPUTS,
     I_LIMITER, I_RELAXING, I_SMOOTH, MAX_EVENTS, N_AHEAD, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED,
-    R_TOL, SMOOTH_F, SMOOTH_V, U, W_OUT, W_Q, W_Q1, W_Q2, W_WANT)
+    R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U, W_OUT, W_Q, W_Q1, W_Q2, W_WANT)
 from piezo_stack_sim.plant.modes import build_mode, mode_index
 from piezo_stack_sim.plant.ports import offsets, settle, smooth_force, smooth_voltage, switch
 from piezo_stack_sim.plant.smooth import charge_gain, follow, smooth_step
@@ -31,6 +31,8 @@ _jit = njit(cache=True, nogil=True, error_model='numpy')
 # Sums in any order: they may run over several lanes.
 _dot = njit(cache=True, nogil=True, error_model='numpy', fastmath={'reassoc', 'contract'},
             forceinline=True)
+
+AFRESH = -1  # trust no more than short sub-steps, for the motion has changed
 
 
 @_dot
@@ -103,7 +105,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     smooth = ip[I_SMOOTH] != 0
     columns = used + (N_RAMPS if smooth else 0)
     exact = n_states == 2 and not smooth
-    relaxing = ip[I_RELAXING] != 0 or smooth
+    relaxing = ip[I_RELAXING] != 0
     limited = ip[I_LIMITER] != 0
     displaced = ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0
     n_look = (W_WANT if limited else W_Q1) + 1
@@ -122,7 +124,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         left = seg_ticks[segment]
         unsettled = 0  # how often ports may still switch at this instant
         kind = 0
-        trust = levels[d]
+        trust = levels[d]  # the longest sub-step, in levels
+        begun = False
         if inputs[U] != seg_u[segment] or inputs[FORCE] != seg_force[segment]:
             inputs[U] = seg_u[segment]
             inputs[FORCE] = seg_force[segment]
@@ -133,7 +136,12 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             fresh = True
             kind = 1  # a rate of charge that now points back ends the slip at once
             if relaxing:
-                trust = 0  # what relaxes after a jump is met by steps that grow
+                # What relaxes after a jump is met by steps that grow with the time since then.
+                while trust > 0 and tick * (1 << trust) * real[R_QUICKEST] > 1.0:
+                    trust -= 1
+                begun = True
+            elif smooth:
+                trust = AFRESH
         mode = mode_index(flags)
         level = levels[d]
         habit = level  # what the smooth ports allow
@@ -164,7 +172,9 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                 break
             safe = short[mode, d]
             at = (mode * n_classes + d) * n_levels  # of the propagator of one tick
-            trust = max(trust, safe)
+            if trust == AFRESH or (begun and trust > safe):
+                trust = safe
+            begun = False
             level = min(level, trust)
             while (1 << level) > left:
                 level -= 1
@@ -235,8 +245,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                     left -= ticks
                     unsettled = 4
                     fresh = True
-                    trust = 0 if relaxing else levels[d]
-                    level = trust if relaxing else min(levels[d], habit)
+                    trust = AFRESH if relaxing or smooth else levels[d]
+                    level = min(levels[d], habit)
                     if smooth:
                         inputs[SMOOTH_F] = smooth_force(s[0], real)
                         _look(watch, mode, z, used, W_Q, W_Q1, now)

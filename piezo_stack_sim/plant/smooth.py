@@ -60,7 +60,7 @@ def _meet(tables, at, z, held, n, rows, bend, length, real, end):
         x1 = x + x_v * dv + x_f * df
         miss_v = smooth_voltage(q1, real) - v0 - dv
         miss_f = smooth_force(x1, real) - f0 - df
-        if abs(miss_v) + abs(miss_f) / real[R_T] < 1e-5 * real[R_TOL]:
+        if abs(miss_v) + abs(miss_f) / real[R_T] < 1e-7 * real[R_TOL]:
             break
         grow_v = q1 * (2.0 * real[R_V2] + 3.0 * real[R_V3] * q1)
         grow_f = -x1 * (2.0 * real[R_K2] + 3.0 * real[R_K3] * x1)
