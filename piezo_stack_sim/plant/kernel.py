@@ -140,7 +140,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                 while trust > 0 and tick * (1 << trust) * real[R_QUICKEST] > 1.0:
                     trust -= 1
                 begun = True
-            elif smooth:
+            elif not exact:
                 trust = AFRESH
         mode = mode_index(flags)
         level = levels[d]
@@ -190,14 +190,24 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                                      flags, p, r, real, ip, x_block)
                     known = True
                 if (calm >= tick * left and flags[F_SLIP] == 0 and flags[F_FRIC] == 0
-                        and not smooth and not limited and (1 << trust) > left // 2):
+                        and not smooth and not limited and (exact or not displaced)
+                        and (1 << trust) > left // 2):
                     # Nothing can happen up to the end of the segment.
+                    for i in range(n_states):
+                        held[i] = z[i]
                     _advance(tables, at, left, tick, z, n_states, used, smooth, end)
-                    left = 0
-                    fresh = True
-                    unsettled = 4
-                    kind = 0
-                    continue
+                    _look(watch, mode, z, used, W_Q, n_look, then)
+                    if exact or abs(then[W_Q] - p[0]) <= r[0]:
+                        for o in range(n_look):
+                            now[o] = then[o]
+                        known = False
+                        unsettled = 1 if exact else 0
+                        kind = 0
+                        left = 0
+                        continue
+                    for i in range(n_states):
+                        z[i] = held[i]
+                    calm = 0.0  # the bound was wrong
                 while level > safe and tick * (1 << level) > calm:
                     level -= 1
                 if level == safe:
@@ -245,7 +255,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                     left -= ticks
                     unsettled = 4
                     fresh = True
-                    trust = AFRESH if relaxing or smooth else levels[d]
+                    trust = levels[d] if exact else AFRESH
                     level = min(levels[d], habit)
                     if smooth:
                         inputs[SMOOTH_F] = smooth_force(s[0], real)
