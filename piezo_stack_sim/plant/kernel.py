@@ -20,7 +20,7 @@ import numpy as np
 from piezo_stack_sim.plant.calm import calm_time
 from piezo_stack_sim.plant.events import first_event
 from piezo_stack_sim.plant.layout import (
-    F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_INPUTS,
+    CHARGE_TOLERANCE, F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_INPUTS,
     I_LIMITER, I_RELAXING, I_SMOOTH, MAX_EVENTS, N_AHEAD, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED,
     R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U, W_OUT, W_Q, W_Q1, W_Q2, W_WANT)
 from piezo_stack_sim.plant.modes import build_mode, mode_index
@@ -197,7 +197,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                         held[i] = z[i]
                     _advance(tables, at, left, tick, z, n_states, used, smooth, end)
                     _look(watch, mode, z, used, W_Q, n_look, then)
-                    if exact or abs(then[W_Q] - p[0]) <= r[0]:
+                    if exact or abs(then[W_Q] - p[0]) <= r[0] + CHARGE_TOLERANCE:
                         for o in range(n_look):
                             now[o] = then[o]
                         known = False
