@@ -19,11 +19,9 @@ MARGIN = 0.5  # of the amplitude, where the split into ringing and slow part is 
 EVER = 1e30  # s
 
 _jit = njit(cache=True, nogil=True, error_model='numpy')
-# Passing a dozen arrays would cost more than the work.
-_inline = njit(cache=True, nogil=True, error_model='numpy', forceinline=True)
 
 
-@_inline
+@_jit
 def _within(y, d1, d2, d3, omega, damping, low, high, exact):
     """
     Return for how long (s) y stays within (low, high) for sure.
@@ -47,7 +45,7 @@ def _within(y, d1, d2, d3, omega, damping, low, high, exact):
     return EVER
 
 
-@_inline
+@_jit
 def _goes_on(d1, d2, d3, omega, damping, direction, small, exact):
     """
     Return for how long (s) a slip goes on in its direction, or rests.
@@ -68,7 +66,7 @@ def _goes_on(d1, d2, d3, omega, damping, direction, small, exact):
     return max(0.0, (small - ring * inverse) / (abs(d1) + ring))
 
 
-@_inline
+@_jit
 def calm_time(now, x, w, omega, damping, exact, flags, p, r, real, ip, x_block):
     """Return for how long (s) there can be no event that a longer sub-step would hide."""
     if ip[I_LIMITER] != 0 and (flags[F_LIMIT] != 0

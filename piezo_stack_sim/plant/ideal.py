@@ -55,7 +55,10 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
     """
     n = k.size
     constants = np.zeros((n + 1, 6))
-    propagators = np.zeros((n + 1, ticks.size, levels.max() + 1, 4))
+    most = 0
+    for level in levels:
+        most = max(most, level)
+    propagators = np.zeros((n + 1, ticks.size, most + 1, 4))
     big_k = 0.0
     for slip in range(n, -1, -1):
         if slip < n:

@@ -29,8 +29,7 @@ from piezo_stack_sim.plant.smooth import charge_gain, follow, smooth_step
 
 _jit = njit(cache=True, nogil=True, error_model='numpy')
 # Sums in any order: they may run over several lanes.
-_dot = njit(cache=True, nogil=True, error_model='numpy', fastmath={'reassoc', 'contract'},
-            forceinline=True)
+_dot = njit(cache=True, nogil=True, error_model='numpy', fastmath={'reassoc', 'contract'})
 
 AFRESH = -1  # trust no more than short sub-steps, for the motion has changed
 
@@ -214,15 +213,13 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                     wait = 1  # to ask costs as much as a step
             count = 1 << level
             length = tick * count
+            _move(tables, at + level, z, used, rows, held if smooth else end)
             if smooth:
-                _move(tables, at + level, z, used, rows, held)
                 error, v1, f1 = smooth_step(tables, at + level, z, held, n_states, rows, length,
                                             watch[mode, W_Q, i_smooth], real, now, bend, end)
                 if error > real[R_TOL] and level > 0:
                     level -= 1
                     continue
-            else:
-                _move(tables, at + level, z, used, rows, end)
             for o in range(n_look):
                 then[o] = end[n_states + o]
             reliable = level <= safe

@@ -19,6 +19,8 @@ from piezo_stack_sim.plant.layout import (
 
 _jit = njit(cache=True, nogil=True, error_model='numpy')
 
+TERMS = 12  # of the series for one tick
+
 
 @_jit
 def mode_index(flags):
@@ -59,6 +61,19 @@ def _derive(matrix, n_states, used, watch, source, target):
         for i in range(n_states):
             total += watch[source, i] * matrix[i, c]
         watch[target, c] = total
+
+
+@_jit
+def _keep(e, n_states, used, watch, table):
+    """Store a propagator, and behind the states the watched values at its end."""
+    for c in range(e.shape[1]):
+        for i in range(n_states):
+            table[i, c] = e[i, c]
+        for o in range(N_AHEAD):
+            total = 0.0
+            for i in range(used):
+                total += watch[o, i] * e[i, c]
+            table[n_states + o, c] = total
 
 
 @_jit
@@ -173,6 +188,7 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     for c in range(width):
         watch[mode, W_Q, c] = q_row[c]
         watch[mode, W_WANT, c] = want[c]
+    _derive(augmented, n_states, used, watch[mode], W_Q, W_Q1)
     for o in range(N_OUTPUTS):
         for c in range(n_states):
             watch[mode, W_OUT + o, c] = reading[o, c]
@@ -204,7 +220,6 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     omegas[mode] = omega
     dampings[mode] = -0.5 * augmented[1, 1]
 
-    _derive(augmented, n_states, used, watch[mode], W_Q, W_Q1)
     n_levels = tables.shape[0] // (omegas.size * cls_tick.size)
     for d in range(cls_tick.size):
         # The propagator of one tick by Taylor series, scaled until it converges fast.
@@ -213,28 +228,24 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
         while step * real[R_RATE_MAX] > 0.25:
             step *= 0.5
             scaling += 1
-        e = _product(augmented, augmented, 0.0)
+        e = np.zeros((size, size))
         for i in range(size):
             e[i, i] = 1.0
         term = e
-        for order in range(1, 13):
-            term = _product(term, augmented, step / order)
-            e = _sum(e, term)
-        for _ in range(scaling):
-            e = _product(e, e, 1.0)
         at = (mode * cls_tick.size + d) * n_levels
-        for level in range(levels[d] + 1):
-            for i in range(n_states):
-                for c in range(size):
-                    tables[at + level, i, c] = e[i, c]
-            for o in range(N_AHEAD):
-                for c in range(size):
-                    total = 0.0
-                    for i in range(used):
-                        total += watch[mode, o, i] * e[i, c]
-                    tables[at + level, n_states + o, c] = total
-            if level < levels[d]:
-                e = _product(e, e, 1.0)
+        for turn in range(TERMS + scaling + levels[d] + 1):
+            level = turn - TERMS - scaling
+            if level >= 0:
+                _keep(e, n_states, used, watch[mode], tables[at + level])
+            # One call for all products: it is the larger part of what has to be compiled.
+            series = turn < TERMS
+            product = _product(term if series else e, augmented if series else e,
+                               step / (turn + 1) if series else 1.0)
+            if series:
+                term = product
+                e = _sum(e, term)
+            else:
+                e = product
         level = int(math.floor(math.log2(1.3 / (fastest * cls_tick[d]))))
         short[mode, d] = min(levels[d], max(0, level))
 
@@ -250,7 +261,5 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
                 same = 1.0 if c == i else 0.0
                 change[i, c] = (tables[at + level, i, c] - same) / length
     watch[mode, W_X3, 1] = 1.0  # the velocity, for a moment
-    _derive(change, n_states, used, watch[mode], W_X3, W_X2)
-    _derive(change, n_states, used, watch[mode], W_X2, W_X3)
-    _derive(change, n_states, used, watch[mode], W_Q1, W_Q2)
-    _derive(change, n_states, used, watch[mode], W_Q2, W_Q3)
+    for source, target in ((W_X3, W_X2), (W_X2, W_X3), (W_Q1, W_Q2), (W_Q2, W_Q3)):
+        _derive(change, n_states, used, watch[mode], source, target)

@@ -118,17 +118,18 @@ def settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block):
     q = x_block[2]
     if iq >= 0:
         q = s[iq]
-    elif ip[I_DRIVE] == VOLTAGE:
-        free = source
-        for c in range(n_states):
-            free -= opposing[0, c] * s[c]
-        q = move_charge(q, real[R_T] * s[0] + real[R_C] * free, real[R_C], real, flags, p, r,
-                        k, v_break, opposing[0, n_states])
     else:
-        given = source
+        row = 0 if ip[I_DRIVE] == VOLTAGE else 1
+        target = source
         for c in range(n_states):
-            given -= opposing[1, c] * s[c]
-        q = move_charge(q, given, 0.0, real, flags, p, r, k, v_break, 0.0)
+            target -= opposing[row, c] * s[c]
+        slope_cap = 0.0
+        elastance = 0.0
+        if row == 0:
+            slope_cap = real[R_C]
+            elastance = opposing[0, n_states]
+            target = real[R_T] * s[0] + slope_cap * target
+        q = move_charge(q, target, slope_cap, real, flags, p, r, k, v_break, elastance)
     x_block[2] = q
     if ip[I_SMOOTH] != 0:
         inputs[SMOOTH_V] = smooth_voltage(q, real)
