@@ -4,7 +4,7 @@ From a device to the arrays of the kernel: one place where the wiring is done.
 A :class:`Model` starts as the ideal stack of Eqs. 11 to 17.  Every effect that
 is switched on adds its piece through the few verbs below (a linear state, a
 term in one of the balances, a number changed, a memoryless map before or after
-the stack), and :func:`assemble` lays the result out for the kernel.  The model
+the stack), and :func:`assemble` lays the result out for the layout.  The model
 knows nothing of single effects.
 
 Signals that a linear term may use as a source: ``displacement`` (m),
@@ -21,8 +21,10 @@ import math
 
 import numpy as np
 
-from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant import layout
 from piezo_stack_sim.plant.reference import Reference
+
+INSTANT = 5e-9  # s; a lag shorter than a tenth of a tick of the kernel is none
 
 
 @dataclass
@@ -67,6 +69,7 @@ class Model:
     branch_difference: float = 0.0
     fast_rates: list[float] = field(default_factory=list)
     slow_rates: list[float] = field(default_factory=list)
+    reading_rates: list[float] = field(default_factory=list)
     command_maps: list[Callable] = field(default_factory=list)
     reading_maps: list[Callable] = field(default_factory=list)
     states: list[str] = field(default_factory=list)
@@ -120,10 +123,12 @@ class Model:
         terms[name] = terms.get(name, 0.0) - rate_constant
         self.add_state(name, terms)
         self.reading_terms = {name: 1.0}
-        self.fast_rates.append(rate_constant)
+        self.reading_rates.append(rate_constant)
 
     def drive_through(self, name: str, rate_constant: float) -> None:
         """Put a first-order lag with ``rate_constant`` (1/s) between command and terminals."""
+        if rate_constant * INSTANT > 1.0:
+            return
         self.add_state(name, {'command': rate_constant, name: -rate_constant})
         self.source_state = name
         self.fast_rates.append(rate_constant)
@@ -207,12 +212,12 @@ class System:
 
 def assemble(model: Model) -> System:
     """
-    Lay a model out for the kernel.
+    Lay a model out for the layout.
 
     Returns
     -------
     System
-        Arrays in the layout that :mod:`piezo_stack_sim.plant.kernel` describes.
+        Arrays in the layout that :mod:`piezo_stack_sim.plant.layout` describes.
 
     """
     attach_load(model)
@@ -223,21 +228,28 @@ def assemble(model: Model) -> System:
         # An ideal source behind a limiter needs some resistance to be causal;
         # 1 ohm with a fraction of a microfarad is faster than any row.
         model.output_resistance = resistance = 1.0
-    charge_is_state = voltage_driven and resistance > 0.0
+    elastance = (float(np.sum(model.maxwell_k)) + 1.0 / model.C
+                 + abs(model.voltage_terms.get('charge', 0.0)))
+    if limited:
+        # Faster charging would drown in rounding what is left of a motion.
+        missing = INSTANT * elastance - resistance
+        model.output_resistance += max(0.0, missing)
+        resistance += max(0.0, missing)
+    charge_is_state = voltage_driven and (limited or resistance > INSTANT * elastance)
 
     names = ['displacement', 'velocity']
     if charge_is_state:
         names.append('charge')
     names += model.states
     n_states = len(names)
-    width = n_states + 2 + kernel.N_INPUTS
+    width = n_states + 2 + layout.N_INPUTS
     column = {name: i for i, name in enumerate(names)}
     column['charge'] = n_states
     column['voltage'] = n_states + 1
     base = n_states + 2
-    column['command'] = base + kernel.U
-    column['external_force'] = base + kernel.FORCE
-    column['one'] = base + kernel.ONE
+    column['command'] = base + layout.U
+    column['external_force'] = base + layout.FORCE
+    column['one'] = base + layout.ONE
     if model.source_state is not None and not voltage_driven:
         model.source_state = None
 
@@ -254,9 +266,9 @@ def assemble(model: Model) -> System:
         force[column['charge']] += model.T / model.C  # Eq. 14 with v_t = (q - T x)/C, Eq. 11
         force[0] -= model.k + model.T ** 2 / model.C
         force[1] -= model.b
-        force[base + kernel.A_FRICTION] += 1.0
-        force[base + kernel.A_CONTACT] += 1.0
-        force[base + kernel.SMOOTH_F] += 1.0
+        force[base + layout.A_FRICTION] += 1.0
+        force[base + layout.A_CONTACT] += 1.0
+        force[base + layout.SMOOTH_F] += 1.0
         rates[1] = force / model.m  # Eq. 15
     for name in model.states:
         rates[column[name]] = row(model.rates[name])
@@ -267,7 +279,7 @@ def assemble(model: Model) -> System:
     for source, gain in model.charge_loss_terms.items():
         opposing[1, column[source]] += gain
 
-    reading = np.zeros((kernel.N_OUTPUTS, width))
+    reading = np.zeros((layout.N_OUTPUTS, width))
     reading[0] = row(model.reading_terms)
     reading[1, 1] = 1.0
     reading[2] = row({'charge': 1.0, **model.charge_reading_terms})
@@ -279,57 +291,63 @@ def assemble(model: Model) -> System:
     v_break = np.ascontiguousarray(model.maxwell_v, dtype=float)
     r = v_break / k
 
-    real = np.zeros(kernel.N_REAL)
-    real[kernel.R_T] = model.T
-    real[kernel.R_C] = model.C
-    real[kernel.R_MASS] = model.m
-    real[kernel.R_STIFFNESS] = model.k
-    real[kernel.R_DAMPING] = model.b
-    real[kernel.R_RESISTANCE] = model.output_resistance
-    real[kernel.R_INTERNAL] = model.internal_resistance
-    real[kernel.R_LIMIT] = model.current_limit if limited else 0.0
-    real[kernel.R_FRICTION_K] = model.friction_stiffness
-    real[kernel.R_FRICTION_F] = model.friction_force
-    real[kernel.R_GAP] = model.contact_gap if math.isfinite(model.contact_gap) else 0.0
-    real[kernel.R_CONTACT_K] = model.contact_stiffness
-    real[kernel.R_V2], real[kernel.R_V3] = model.smooth_voltage
-    real[kernel.R_K2], real[kernel.R_K3] = model.smooth_force
-    real[kernel.R_OMEGA_EXTRA] = min(model.slow_rates, default=0.0)
-    real[kernel.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
+    real = np.zeros(layout.N_REAL)
+    real[layout.R_T] = model.T
+    real[layout.R_C] = model.C
+    real[layout.R_MASS] = model.m
+    real[layout.R_STIFFNESS] = model.k
+    real[layout.R_DAMPING] = model.b
+    real[layout.R_RESISTANCE] = model.output_resistance if charge_is_state else 0.0
+    real[layout.R_INTERNAL] = model.internal_resistance if charge_is_state else 0.0
+    real[layout.R_LIMIT] = model.current_limit if limited else 0.0
+    real[layout.R_FRICTION_K] = model.friction_stiffness
+    real[layout.R_FRICTION_F] = model.friction_force
+    real[layout.R_GAP] = model.contact_gap if math.isfinite(model.contact_gap) else 0.0
+    real[layout.R_CONTACT_K] = model.contact_stiffness
+    real[layout.R_V2], real[layout.R_V3] = model.smooth_voltage
+    real[layout.R_K2], real[layout.R_K3] = model.smooth_force
+    real[layout.R_OMEGA_EXTRA] = min(model.slow_rates, default=0.0)
+    real[layout.R_OMEGA_FAST] = max(model.slow_rates, default=0.0)
+    real[layout.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
 
     stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness
                 + model.contact_stiffness)
     omega_max = max([math.sqrt(stiffest / model.m), *model.slow_rates])
-    rate_max = max([omega_max, model.b / model.m, *model.fast_rates])
+    quickest = max(model.fast_rates, default=0.0)
     if charge_is_state:
-        elastance = float(k.sum()) + 1.0 / model.C + abs(opposing[0, n_states])
-        rate_max = max(rate_max, elastance / resistance)
-    real[kernel.R_RATE_MAX] = rate_max
+        quickest = max(quickest, elastance / resistance)
+        # The quicker the charge follows, the more its rate shows of what a port strays.
+        real[layout.R_TOL] *= min(1.0, max(0.02, resistance / elastance / 1e-7))
+    rate_max = max([omega_max, model.b / model.m, quickest, *model.reading_rates])
+    real[layout.R_QUICKEST] = quickest
+    real[layout.R_RATE_MAX] = rate_max
 
-    ints = np.zeros(kernel.N_INT, dtype=np.int64)
-    ints[kernel.I_DRIVE] = kernel.VOLTAGE if voltage_driven else kernel.CHARGE
-    ints[kernel.I_QSTATE] = 2 if charge_is_state else -1
-    ints[kernel.I_FRICTION] = model.friction_force > 0.0 and model.friction_stiffness > 0.0
-    ints[kernel.I_CONTACT] = math.isfinite(model.contact_gap) and model.contact_stiffness > 0.0
-    ints[kernel.I_LIMITER] = limited and charge_is_state
-    ints[kernel.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
-    ints[kernel.I_CLAMPED] = model.clamped
+    ints = np.zeros(layout.N_INT, dtype=np.int64)
+    ints[layout.I_DRIVE] = layout.VOLTAGE if voltage_driven else layout.CHARGE
+    ints[layout.I_QSTATE] = 2 if charge_is_state else -1
+    ints[layout.I_FRICTION] = model.friction_force > 0.0 and model.friction_stiffness > 0.0
+    ints[layout.I_CONTACT] = math.isfinite(model.contact_gap) and model.contact_stiffness > 0.0
+    ints[layout.I_LIMITER] = limited and charge_is_state
+    ints[layout.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
+    ints[layout.I_CLAMPED] = model.clamped
+    # What relaxes as fast as the end swings shows for a while after a jump.
+    ints[layout.I_RELAXING] = quickest > 0.1 * omega_max
     # The ideal stack needs three inputs; the neutral rest is not worked with.
     used = np.flatnonzero(np.any(rates[:, base:] != 0.0, axis=0)
                           | np.any(reading[:, base:] != 0.0, axis=0))
-    extra = [kernel.SMOOTH_F] if ints[kernel.I_SMOOTH] else []
-    piecewise = (ints[kernel.I_FRICTION] or ints[kernel.I_CONTACT])
-    extra += [kernel.A_CONTACT] if piecewise else []
-    extra += [kernel.ONE] if ints[kernel.I_LIMITER] else []
-    used = [i for i in used if i <= kernel.ONE]
-    ints[kernel.I_INPUTS] = max([kernel.A_RC, *used, *extra]) + 1
-    ints[kernel.I_SOURCE] = -1 if model.source_state is None else column[model.source_state]
+    extra = [layout.SMOOTH_F] if ints[layout.I_SMOOTH] else []
+    piecewise = (ints[layout.I_FRICTION] or ints[layout.I_CONTACT])
+    extra += [layout.A_CONTACT] if piecewise else []
+    extra += [layout.ONE] if ints[layout.I_LIMITER] else []
+    used = [i for i in used if i <= layout.ONE]
+    ints[layout.I_INPUTS] = max([layout.A_RC, *used, *extra]) + 1
+    ints[layout.I_SOURCE] = -1 if model.source_state is None else column[model.source_state]
 
     # Two states, one port with memory, no further terms: the fast kernel can take it.
-    special = [kernel.I_FRICTION, kernel.I_CONTACT, kernel.I_LIMITER, kernel.I_SMOOTH]
+    special = [layout.I_FRICTION, layout.I_CONTACT, layout.I_LIMITER, layout.I_SMOOTH]
     is_ideal = (n_states == 2 and not ints[special].any() and not opposing.any()
                 and set(model.force_terms) <= {'external_force'}
-                and not reading[0, base + kernel.A_RC:].any())
+                and not reading[0, base + layout.A_RC:].any())
     initial = np.array([model.initial.get(name, 0.0) for name in names])
     return System(tuple(names), initial, k, v_break, r, real, ints, rates, opposing, reading,
                   omega_max, rate_max, 12 * (k.size + 1), is_ideal)

@@ -15,7 +15,7 @@ from numba import njit
 import numpy as np
 
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
-from piezo_stack_sim.plant.kernel import (
+from piezo_stack_sim.plant.layout import (
     A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, MAX_EVENTS, U)
 
 # Constants of a mode, one row for each number of slipping elements.
@@ -55,7 +55,10 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
     """
     n = k.size
     constants = np.zeros((n + 1, 6))
-    propagators = np.zeros((n + 1, ticks.size, levels.max() + 1, 4))
+    most = 0
+    for level in levels:
+        most = max(most, level)
+    propagators = np.zeros((n + 1, ticks.size, most + 1, 4))
     big_k = 0.0
     for slip in range(n, -1, -1):
         if slip < n:

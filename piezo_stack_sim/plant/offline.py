@@ -16,7 +16,7 @@ import os
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant import layout
 from piezo_stack_sim.plant.parameters import Device
 from piezo_stack_sim.plant.stack import MAX_CLASSES, Plant, PlantState, Response, Tables, TICK
 
@@ -143,7 +143,7 @@ def _run_irregular(plant: Plant, time, command, force) -> Response:
         marks = np.rint((ends - time[0]) / tick).astype(np.int64)
         seg_ticks = np.diff(np.concatenate([[0], marks]))
         seg_class = np.zeros(ends.size, np.int64)
-    out, read = np.empty((n - 1, kernel.N_OUTPUTS)), np.full(n - 1, np.nan)
+    out, read = np.empty((n - 1, layout.N_OUTPUTS)), np.full(n - 1, np.nan)
     plant.run_segments(tables, seg_class, seg_ticks, u, f, rows, reads, out, read)
     read[np.isnan(read)] = plant.zero[0]  # what a delayed sensor shows of the time before
     return plant.finish(time, out, read)

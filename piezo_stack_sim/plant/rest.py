@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant import layout
 from piezo_stack_sim.plant.assembly import System
 
 
@@ -24,7 +24,7 @@ def rest(system: System, s: np.ndarray, q: float, v: float, inputs: np.ndarray,
     q, v : float
         Charge (C) and terminal voltage (V).
     inputs : numpy.ndarray, shape (8,)
-        Inputs of the kernel.
+        Inputs of the layout.
     free : collection of str
         Names of the states to place.
 
@@ -71,7 +71,7 @@ def rest_of_unit_charge(system: System) -> tuple[np.ndarray, float, float]:
     s = np.zeros(len(names))
     if 'charge' in names:
         s[names.index('charge')] = 1.0
-    s = rest(system, s, 1.0, 0.0, np.zeros(kernel.N_INPUTS),
+    s = rest(system, s, 1.0, 0.0, np.zeros(layout.N_INPUTS),
              set(names) - {'charge', 'velocity'})
-    capacitance = system.real[kernel.R_C] / (1.0 - system.real[kernel.R_T] * s[0])
+    capacitance = system.real[layout.R_C] / (1.0 - system.real[layout.R_T] * s[0])
     return s, float(capacitance), float(system.opposing[0, :-1] @ s + system.opposing[0, -1])

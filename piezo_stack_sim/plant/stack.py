@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.plant import ideal, kernel
+from piezo_stack_sim.plant import ideal, kernel, layout, ports
 from piezo_stack_sim.plant.assembly import assemble, System
 from piezo_stack_sim.plant.build import build_model
 from piezo_stack_sim.plant.parameters import Device
@@ -157,7 +157,7 @@ class Plant:
                               or (self.noisy and self._sensors_disturb))
         self._first = np.zeros(1, dtype=np.int64)
         self._source, self._force, self._reading = np.empty(1), np.empty(1), np.empty(1)
-        self._outputs = np.empty((1, kernel.N_OUTPUTS))
+        self._outputs = np.empty((1, layout.N_OUTPUTS))
 
     def reset(self) -> None:
         """Return to the start: relaxed (or as ``initial_polarisation`` says), time zero."""
@@ -167,9 +167,9 @@ class Plant:
         self._s = system.initial.copy()
         # Elements that break later one way than the other are ones that start off their middle.
         self._p = model.branch_difference * np.where(np.isfinite(system.r), system.r, 0.0)
-        self._flags = np.zeros(kernel.N_FLAGS, dtype=np.int64)
-        self._inputs = np.zeros(kernel.N_INPUTS)
-        self._inputs[kernel.ONE] = 1.0
+        self._flags = np.zeros(layout.N_FLAGS, dtype=np.int64)
+        self._inputs = np.zeros(layout.N_INPUTS)
+        self._inputs[layout.ONE] = 1.0
         self._memory = np.zeros(4)
         self._out_of_range = False
         self._zero = np.zeros(2)
@@ -190,22 +190,22 @@ class Plant:
         per_charge, free, elastance = rest_of_unit_charge(system)
         q = 0.0
         for voltage in (peak, 0.0):
-            q = kernel.move_charge(q, free * voltage, free, system.real, self._flags, self._p,
-                                   system.r, system.k, system.v_break, elastance)
-        kernel.stick(self._flags, self._p, system.r, q)
+            q = ports.move_charge(q, free * voltage, free, system.real, self._flags, self._p,
+                                  system.r, system.k, system.v_break, elastance)
+        ports.stick(self._flags, self._p, system.r, q)
         self._s += q * per_charge
         self._memory[:] = (self._s[0], q, q, self._s[0])
-        self._inputs[kernel.A_RC] = -system.k @ self._p  # all elements stick
+        self._inputs[layout.A_RC] = -system.k @ self._p  # all elements stick
 
     def _bring_in_line(self, source: float) -> None:
         """Settle the algebraic part (charge, offsets) for a source value, at no time."""
-        self._inputs[kernel.U] = math.nan  # differs from any value, so that the kernel settles
+        self._inputs[layout.U] = math.nan  # differs from any value, so that the kernel settles
         one = np.zeros(1, dtype=np.int64)
         none = one - 1
         self._tables.run(
-            one, one, np.array([source]), self._inputs[kernel.FORCE:kernel.FORCE + 1].copy(),
+            one, one, np.array([source]), self._inputs[layout.FORCE:layout.FORCE + 1].copy(),
             none, none, [self._s, self._p, self._flags, self._inputs, self._memory],
-            np.empty((0, kernel.N_OUTPUTS)), np.empty(0))
+            np.empty((0, layout.N_OUTPUTS)), np.empty(0))
 
     def _idle_command(self) -> float:
         """Return the source value that keeps the device as it is."""
@@ -274,14 +274,14 @@ class Plant:
     def set_device(self, device: Device) -> None:
         """Change parameters while running; states keep their values (no jump in state)."""
         self.device = device
-        self._rebuild(self.drive, self._inputs[kernel.U])
+        self._rebuild(self.drive, self._inputs[layout.U])
 
     def _rebuild(self, drive: str, source: float) -> None:
         """Carry the state over to a new set-up; states that are new begin at rest."""
         old = dict(zip(self._system.state_names, self._s))
         old.setdefault('charge', self._memory[2])
         voltage = self.sample_exact()[3]
-        had_friction = self._system.ints[kernel.I_FRICTION]
+        had_friction = self._system.ints[layout.I_FRICTION]
         commands, readings = self._commands, self._readings
         self._configure(drive)
         system = self._system
@@ -289,12 +289,12 @@ class Plant:
                             zip(system.state_names, system.initial)])
         if not had_friction:
             self._memory[0] = self._memory[3] = self._s[0]
-            self._flags[kernel.F_FRIC] = 0
-        self._inputs[kernel.U] = source
-        self._inputs[kernel.A_FRICTION:] = 0.0
+            self._flags[layout.F_FRIC] = 0
+        self._inputs[layout.U] = source
+        self._inputs[layout.A_FRICTION:] = 0.0
         self._s = rest(system, self._s, self._memory[2], voltage, self._inputs,
                        set(system.state_names) - set(old))
-        self._flags[kernel.F_LIMIT] = 0
+        self._flags[layout.F_LIMIT] = 0
         self._bring_in_line(source)
         self._commands = _resized(commands, self._command_lag + 1)
         last = readings[-1] if readings.size else self._evaluate()[1]
@@ -310,12 +310,12 @@ class Plant:
     def _evaluate(self) -> tuple[np.ndarray, float]:
         """Return outputs (5,) and reading of the present state without advancing."""
         tables = self._tables
-        out, read = np.zeros((1, kernel.N_OUTPUTS)), np.zeros(1)
+        out, read = np.zeros((1, layout.N_OUTPUTS)), np.zeros(1)
         one = np.zeros(1, dtype=np.int64)
         state = [array.copy() for array in (self._s, self._p, self._flags, self._inputs,
                                             self._memory)]
-        tables.run(one, one, self._inputs[kernel.U:kernel.U + 1].copy(),
-                   self._inputs[kernel.FORCE:kernel.FORCE + 1].copy(), one, one, state, out, read)
+        tables.run(one, one, self._inputs[layout.U:layout.U + 1].copy(),
+                   self._inputs[layout.FORCE:layout.FORCE + 1].copy(), one, one, state, out, read)
         return out[0], float(read[0])
 
     def sample_exact(self) -> np.ndarray:
@@ -474,7 +474,7 @@ class Plant:
             rows[:, -1] = np.arange(n)
             reads = np.where(self._part_reads[None, :], np.arange(n)[:, None], -1)
             rows, reads = rows.ravel(), np.ascontiguousarray(reads.ravel())
-        out, read = np.empty((n, kernel.N_OUTPUTS)), np.empty(n)
+        out, read = np.empty((n, layout.N_OUTPUTS)), np.empty(n)
         state = [self._s, self._p, self._flags, self._inputs, self._memory]
         self._tables.run(seg_class, seg_ticks, np.ascontiguousarray(u), force, rows, reads,
                          state, out, read)
@@ -507,7 +507,7 @@ class Plant:
                       float(charge - self._zero[1]), voltage, transduced)
 
     def _note_range(self) -> None:
-        if self._p[-1] != 0.0 or self._flags[kernel.F_SLIP] == self._p.size:
+        if self._p[-1] != 0.0 or self._flags[layout.F_SLIP] == self._p.size:
             self._out_of_range = True
 
     def _measure(self, time, out, read, noisy) -> tuple[np.ndarray, ...]:
@@ -532,10 +532,6 @@ class Tables:
         self.levels = np.array([max(0, math.ceil(math.log2(d / TICK))) for d in durations])
         self.tick = np.array([d / 2.0 ** level for d, level in zip(durations, self.levels)])
         self.ticks = (2 ** self.levels).astype(np.int64)
-        # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
-        quick = 1.3 / system.omega_max
-        self.short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
-                               for level, tick in zip(self.levels.tolist(), self.tick)])
         if system.is_ideal:
             self._prepare_ideal()
         else:
@@ -544,29 +540,36 @@ class Tables:
     def _prepare_ideal(self) -> None:
         system = self.system
         real = system.real
-        voltage_driven = bool(system.ints[kernel.I_DRIVE] == kernel.VOLTAGE)
-        clamped = bool(system.ints[kernel.I_CLAMPED])
-        ratio, cap = real[kernel.R_T], real[kernel.R_C]
+        voltage_driven = bool(system.ints[layout.I_DRIVE] == layout.VOLTAGE)
+        clamped = bool(system.ints[layout.I_CLAMPED])
+        ratio, cap = real[layout.R_T], real[layout.R_C]
         constants = ideal.mode_constants(
-            system.k, ratio, cap, real[kernel.R_MASS], real[kernel.R_STIFFNESS],
-            real[kernel.R_DAMPING], voltage_driven, clamped, self.tick, self.levels)
+            system.k, ratio, cap, real[layout.R_MASS], real[layout.R_STIFFNESS],
+            real[layout.R_DAMPING], voltage_driven, clamped, self.tick, self.levels)
         row = system.reading[0, :6].copy()
+        # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
+        quick = 1.3 / system.omega_max
+        short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
+                          for level, tick in zip(self.levels.tolist(), self.tick)])
         self._run = ideal.run
         self._arguments = (system.k, system.v_break, system.r, ratio, cap, voltage_driven,
-                           clamped, *constants, self.tick, self.levels, self.short, row)
+                           clamped, *constants, self.tick, self.levels, short, row)
 
     def _prepare_general(self, n_classes: int) -> None:
         system = self.system
         n, modes = system.rates.shape[0], system.n_modes
-        width = n + kernel.N_INPUTS
-        tables = np.zeros((modes, n_classes, int(self.levels.max()) + 1,
-                           width + kernel.N_RAMPS, n))
+        width = n + layout.N_INPUTS
+        columns = n + int(system.ints[layout.I_INPUTS])
+        if system.ints[layout.I_SMOOTH]:
+            columns += layout.N_RAMPS
+        tables = np.zeros((modes * n_classes * (int(self.levels.max()) + 1),
+                           n + layout.N_AHEAD, columns))
         self._run = kernel.run
         self._arguments = (
             system.k, system.v_break, system.r, system.real, system.ints, system.rates,
-            system.opposing, system.reading, self.tick, self.levels, self.short,
-            np.zeros(modes, dtype=np.bool_), tables,
-            np.zeros((modes, width, kernel.N_WATCHED)), np.zeros(modes), np.zeros(modes))
+            system.opposing, system.reading, self.tick, self.levels,
+            np.zeros((modes, n_classes), dtype=np.int64), np.zeros(modes, dtype=np.bool_), tables,
+            np.zeros((modes, layout.N_WATCHED, width)), np.zeros(modes), np.zeros(modes))
 
     def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
         """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""

@@ -1,0 +1,56 @@
+"""
+How the arrays of the compiled plant are laid out: names for columns and indices.
+
+Symbols as in the paper: x displacement (m), w its velocity (m/s), q charge
+(C), v_rc voltage of the Maxwell capacitor (V), T transformer ratio, C linear
+capacitance.  ``p[i]`` is the block position q_bi of Eq. 16 (C) and
+``r[i] = V_i C_i`` the charge at which element i breaks.
+
+Columns of an *extended* row: states | q | v | inputs.  The inputs are u, F_ext,
+a_rc, 1, a_friction, a_contact, smooth voltage, smooth force; the ideal stack
+needs the first three, and only as many are worked with.
+
+``memory`` (``x_block``) holds the position of the friction block (m), the
+furthest charge since slip began (C), the present charge (C) and the furthest
+displacement since the guide slips (m).
+"""
+
+# Inputs, in the order of their columns.
+U, FORCE, A_RC, ONE, A_FRICTION, A_CONTACT, SMOOTH_V, SMOOTH_F = range(8)
+N_INPUTS = 8
+N_RAMPS = 4  # slopes and curvatures of the two smooth inputs within a sub-step
+
+# Outputs: reading of displacement, velocity, charge, voltage, transduced force.
+N_OUTPUTS = 5
+
+# What is watched of a state: charge and its rate, the rate of charge that the source
+# wants; where a longer sub-step is thought of, higher derivatives of charge and
+# displacement; at the end of a row the outputs.
+W_Q, W_Q1, W_WANT, W_Q2, W_Q3, W_X2, W_X3, W_OUT = range(8)
+N_WATCHED = W_OUT + N_OUTPUTS
+
+N_AHEAD = 3  # of them are known at the end of a sub-step together with the state
+
+# Real parameters of the kernel.
+(R_T, R_C, R_MASS, R_STIFFNESS, R_RESISTANCE, R_INTERNAL, R_LIMIT, R_FRICTION_K,
+ R_FRICTION_F, R_GAP, R_CONTACT_K, R_V2, R_V3, R_K2, R_K3, R_OMEGA_EXTRA, R_RATE_MAX,
+ R_TOL, R_DAMPING, R_OMEGA_FAST, R_QUICKEST) = range(21)
+N_REAL = 21
+
+# Integer parameters.
+(I_DRIVE, I_QSTATE, I_FRICTION, I_CONTACT, I_LIMITER, I_SMOOTH, I_CLAMPED, I_SOURCE,
+ I_INPUTS, I_RELAXING) = range(10)
+N_INT = 10
+
+# Drives.
+VOLTAGE, CHARGE = 0, 1
+
+# Discrete state: slipping Maxwell elements and their direction, the same for
+# friction, contact touched, limiter (0 linear, 1 up, 2 down).
+F_SLIP, F_DIR, F_FRIC, F_FRIC_DIR, F_CONTACT, F_LIMIT = range(6)
+N_FLAGS = 6
+
+CHARGE_TOLERANCE = 1e-14  # C; a millionth of the smallest break charge of interest
+DISPLACEMENT_TOLERANCE = 1e-15  # m
+REST = 1e-12  # C; less than this to come (0.1 pm) is rest
+MAX_EVENTS = 100000  # in one segment; a guard, never met by a finite input

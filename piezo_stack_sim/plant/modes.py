@@ -1,0 +1,265 @@
+"""
+Modes: which ports stick, slip or touch makes one linear system out of a small family.
+
+Per mode and per duration of a segment the propagators for h, h/2, h/4, ... are
+made once, when the mode is first met (``MODEL.md``, trap 3).
+"""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from piezo_stack_sim.plant.layout import (
+    A_RC, F_CONTACT, F_FRIC, F_LIMIT, F_SLIP, I_CLAMPED, I_DRIVE, I_FRICTION, I_INPUTS,
+    I_QSTATE, I_RELAXING, I_SMOOTH, I_SOURCE, N_AHEAD, N_INPUTS, N_OUTPUTS, N_RAMPS, ONE, R_C,
+    R_CONTACT_K, R_FRICTION_K, R_INTERNAL, R_LIMIT, R_MASS, R_OMEGA_EXTRA, R_OMEGA_FAST,
+    R_RATE_MAX, R_RESISTANCE, R_STIFFNESS, R_T, SMOOTH_V, U, VOLTAGE, W_OUT, W_Q, W_Q1, W_Q2,
+    W_Q3, W_WANT, W_X2, W_X3)
+
+_jit = njit(cache=True, nogil=True, error_model='numpy')
+
+TERMS = 12  # of the series for one tick
+
+
+@_jit
+def mode_index(flags):
+    """Return the number of the mode in which the device is."""
+    index = flags[F_SLIP]
+    index = index * 2 + (1 if flags[F_FRIC] != 0 else 0)
+    index = index * 2 + flags[F_CONTACT]
+    return index * 3 + flags[F_LIMIT]
+
+
+@_jit
+def _product(a, b, factor):
+    size = a.shape[0]
+    out = np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            weight = a[i, j] * factor
+            if weight != 0.0:
+                for c in range(size):
+                    out[i, c] += weight * b[j, c]
+    return out
+
+
+@_jit
+def _sum(a, b):
+    out = np.empty(a.shape)
+    for i in range(a.shape[0]):
+        for c in range(a.shape[1]):
+            out[i, c] = a[i, c] + b[i, c]
+    return out
+
+
+@_jit
+def _derive(matrix, n_states, used, watch, source, target):
+    """Let the watched value ``target`` be the derivative of ``source``, inputs held."""
+    for c in range(used):
+        total = 0.0
+        for i in range(n_states):
+            total += watch[source, i] * matrix[i, c]
+        watch[target, c] = total
+
+
+@_jit
+def _keep(e, n_states, used, watch, table):
+    """Store a propagator, and behind the states the watched values at its end."""
+    for c in range(e.shape[1]):
+        for i in range(n_states):
+            table[i, c] = e[i, c]
+        for o in range(N_AHEAD):
+            total = 0.0
+            for i in range(used):
+                total += watch[o, i] * e[i, c]
+            table[n_states + o, c] = total
+
+
+@_jit
+def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
+               short, tables, watch, omegas, dampings):
+    """
+    Resolve the algebra of one mode and make its propagators.
+
+    ``rates`` (N, N+2+8) are the derivatives of the states over extended
+    signals, ``opposing`` (2, N+1) the voltage in series with the Maxwell
+    capacitor and the charge lost under charge drive, both over states and q,
+    ``reading`` (5, N+2+8) the outputs.
+    Fills ``tables[mode]`` and ``watch[mode]``, the natural frequency ``omegas`` (rad/s) and
+    decay rate ``dampings`` (1/s) of the moving end, and ``short``, per class the greatest
+    level in which the fastest swing of this mode turns by at most 1.3 rad.
+    """
+    n_states = rates.shape[0]
+    n = k.size
+    width = n_states + N_INPUTS
+    limit = mode % 3
+    contact = (mode // 3) % 2
+    friction = (mode // 6) % 2
+    slip = mode // 12
+    stiff_rc = 0.0
+    for i in range(slip, n):
+        stiff_rc += k[i]
+    big_k = stiff_rc + opposing[0, n_states]
+    ratio = real[R_T]
+    cap = real[R_C]
+
+    source = np.zeros(width)
+    if ip[I_SOURCE] >= 0:
+        source[ip[I_SOURCE]] = 1.0
+    else:
+        source[n_states + U] = 1.0
+
+    q_row = np.zeros(width)
+    iq = ip[I_QSTATE]
+    if iq >= 0:
+        q_row[iq] = 1.0
+    elif ip[I_DRIVE] == VOLTAGE:
+        # Eqs. 11 and 12 solved for q with v_rc = a + K q.
+        scale = 1.0 / (1.0 + cap * big_k)
+        for c in range(width):
+            q_row[c] = cap * source[c]
+        for c in range(n_states):
+            q_row[c] -= cap * opposing[0, c]
+        q_row[0] += ratio
+        q_row[n_states + A_RC] -= cap
+        q_row[n_states + SMOOTH_V] -= cap
+        for c in range(width):
+            q_row[c] *= scale
+    else:
+        for c in range(width):
+            q_row[c] = source[c]
+        for c in range(n_states):
+            q_row[c] -= opposing[1, c]
+
+    # v_t = (q - T x) / C, Eq. 11;  v_rc of Eq. 13 with all that is in series.
+    v_row = np.zeros(width)
+    for c in range(width):
+        v_row[c] = q_row[c] * (1.0 / cap + big_k)
+    v_row[0] -= ratio / cap
+    for c in range(n_states):
+        v_row[c] += opposing[0, c]
+    v_row[n_states + A_RC] += 1.0
+    v_row[n_states + SMOOTH_V] += 1.0
+
+    # Rate of q wanted by the source resistance, before any limit.
+    want = np.zeros(width)
+    if iq >= 0:
+        total = real[R_RESISTANCE] + real[R_INTERNAL]
+        for c in range(width):
+            want[c] = (source[c] - v_row[c]) / total
+        if limit == 0:
+            for c in range(width):
+                v_row[c] += real[R_INTERNAL] * want[c]
+        else:
+            v_row[n_states + ONE] += real[R_INTERNAL] * (
+                real[R_LIMIT] if limit == 1 else -real[R_LIMIT])
+    elif ip[I_DRIVE] == VOLTAGE:
+        for c in range(width):
+            v_row[c] = source[c]
+
+    # Inputs that are not worked with have no columns; the smooth ones may change in a sub-step.
+    used = n_states + ip[I_INPUTS]
+    size = used + (N_RAMPS if ip[I_SMOOTH] != 0 else 0)
+    augmented = np.zeros((size, size))
+    for i in range(n_states):
+        for c in range(used):
+            rate = rates[i, c if c < n_states else c + 2]
+            augmented[i, c] = (rate + rates[i, n_states] * q_row[c]
+                               + rates[i, n_states + 1] * v_row[c])
+    if iq >= 0:
+        if limit == 0:
+            for c in range(used):
+                augmented[iq, c] = want[c]
+        else:
+            for c in range(used):
+                augmented[iq, c] = 0.0
+            augmented[iq, n_states + ONE] = real[R_LIMIT] if limit == 1 else -real[R_LIMIT]
+    if ip[I_CLAMPED] == 0:
+        if ip[I_FRICTION] != 0 and friction == 0:
+            augmented[1, 0] -= real[R_FRICTION_K] / real[R_MASS]
+        if contact == 1:
+            augmented[1, 0] -= real[R_CONTACT_K] / real[R_MASS]
+    if ip[I_SMOOTH] != 0:
+        for port in range(2):
+            augmented[n_states + SMOOTH_V + port, used + port] = 1.0
+            augmented[used + port, used + 2 + port] = 1.0
+
+    for c in range(width):
+        watch[mode, W_Q, c] = q_row[c]
+        watch[mode, W_WANT, c] = want[c]
+    _derive(augmented, n_states, used, watch[mode], W_Q, W_Q1)
+    for o in range(N_OUTPUTS):
+        for c in range(n_states):
+            watch[mode, W_OUT + o, c] = reading[o, c]
+        for c in range(N_INPUTS):
+            watch[mode, W_OUT + o, n_states + c] = reading[o, n_states + 2 + c]
+        for c in range(width):
+            watch[mode, W_OUT + o, c] += (reading[o, n_states] * q_row[c]
+                                          + reading[o, n_states + 1] * v_row[c])
+
+    # With the charge held the end is stiffer than with the leads shorted, Eqs. 20 and 21.
+    held = ratio * ratio / cap
+    freed = ratio * ratio * big_k / (1.0 + cap * big_k)
+    stiffness = max(-augmented[1, 0] * real[R_MASS], 0.0)
+    if iq >= 0:
+        lag = (real[R_RESISTANCE] + real[R_INTERNAL]) / (big_k + 1.0 / cap)
+        if limit == 0 and lag * math.sqrt(stiffness / real[R_MASS]) < 0.2:
+            stiffness += freed - held
+    fastest = math.sqrt(max(stiffness, real[R_STIFFNESS], 1.0) / real[R_MASS])
+    fastest = max(fastest, real[R_OMEGA_FAST])
+    spring = real[R_STIFFNESS]
+    spring += freed if iq >= 0 or ip[I_DRIVE] == VOLTAGE else held
+    if friction == 0:
+        spring += real[R_FRICTION_K] * ip[I_FRICTION]
+    if contact == 1:
+        spring += real[R_CONTACT_K]
+    omega = math.sqrt(max(spring, 1.0) / real[R_MASS])
+    if real[R_OMEGA_EXTRA] > 0.0:
+        omega = min(omega, real[R_OMEGA_EXTRA])
+    omegas[mode] = omega
+    dampings[mode] = -0.5 * augmented[1, 1]
+
+    n_levels = tables.shape[0] // (omegas.size * cls_tick.size)
+    for d in range(cls_tick.size):
+        # The propagator of one tick by Taylor series, scaled until it converges fast.
+        scaling = 0
+        step = cls_tick[d]
+        while step * real[R_RATE_MAX] > 0.25:
+            step *= 0.5
+            scaling += 1
+        e = np.zeros((size, size))
+        for i in range(size):
+            e[i, i] = 1.0
+        term = e
+        at = (mode * cls_tick.size + d) * n_levels
+        for turn in range(TERMS + scaling + levels[d] + 1):
+            level = turn - TERMS - scaling
+            if level >= 0:
+                _keep(e, n_states, used, watch[mode], tables[at + level])
+            # One call for all products: it is the larger part of what has to be compiled.
+            series = turn < TERMS
+            product = _product(term if series else e, augmented if series else e,
+                               step / (turn + 1) if series else 1.0)
+            if series:
+                term = product
+                e = _sum(e, term)
+            else:
+                e = product
+        level = int(math.floor(math.log2(1.3 / (fastest * cls_tick[d]))))
+        short[mode, d] = min(levels[d], max(0, level))
+
+    # Higher derivatives, to tell what still swings from what creeps.
+    change = augmented
+    if ip[I_RELAXING] != 0:
+        # What relaxes fast would hide both: differences over a quarter radian instead.
+        level = max(0, short[mode, 0] - 2)
+        length = cls_tick[0] * (1 << level)
+        at = mode * cls_tick.size * n_levels
+        for i in range(n_states):
+            for c in range(size):
+                same = 1.0 if c == i else 0.0
+                change[i, c] = (tables[at + level, i, c] - same) / length
+    watch[mode, W_X3, 1] = 1.0  # the velocity, for a moment
+    for source, target in ((W_X3, W_X2), (W_X2, W_X3), (W_Q1, W_Q2), (W_Q2, W_Q3)):
+        _derive(change, n_states, used, watch[mode], source, target)
