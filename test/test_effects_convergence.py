@@ -74,3 +74,15 @@ def test_rows_that_grow_with_the_decades_of_creep_equal_a_fine_grid():
     grid = np.arange(100001) * 1e-3
     fine = simulate(target('creep'), grid, np.full(grid.size, 5.0)).displacement
     assert np.abs(x - np.interp(spread, grid, fine))[1::5].max() < NANOMETRE
+
+
+@pytest.mark.parametrize('other', ['friction', 'creep', 'asymmetric_hysteresis'])
+def test_a_resistance_too_small_to_matter_changes_less_than_a_nanometre(other):
+    # Its rounding must not show as motion either: that would lead to events without end.
+    time, voltage, force = steps()
+    without = simulate(target(other), time, voltage, force).displacement
+    for ohm in (1e-9, 1e-3, 6e-3):
+        small = IDEAL.with_effects({other: ALL[other], 'amplifier_bandwidth': {
+            'output_resistance': ohm, 'time_constant': 0.0}})
+        x = simulate(small, time, voltage, force).displacement
+        assert np.abs(x - without).max() < NANOMETRE

@@ -24,7 +24,7 @@ import numpy as np
 from piezo_stack_sim.plant import layout
 from piezo_stack_sim.plant.reference import Reference
 
-INSTANT = 5e-9  # s; a lag shorter than a tenth of a tick of the kernel is none
+INSTANT = 1e-9  # s; a lag shorter than a fiftieth of a tick of the kernel is none
 
 
 @dataclass

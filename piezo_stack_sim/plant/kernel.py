@@ -109,7 +109,6 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     displaced = ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0
     n_look = (W_WANT if limited else W_Q1) + 1
     rows = n_states + n_look
-    fresh = True  # the watched values must be computed anew
     known = False  # `calm` holds for the present state
     calm = 0.0
     v1 = 0.0
@@ -123,6 +122,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         left = seg_ticks[segment]
         unsettled = 0  # how often ports may still switch at this instant
         kind = 0
+        fresh = True  # watch anew: the same bits however the rows are cut into calls
         trust = levels[d]  # the longest sub-step, in levels
         begun = False
         if inputs[U] != seg_u[segment] or inputs[FORCE] != seg_force[segment]:
@@ -132,7 +132,6 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             offsets(inputs, flags, p, k, v_break, real, ip, x_block)
             x_block[1] = x_block[2]
             unsettled = 4
-            fresh = True
             kind = 1  # a rate of charge that now points back ends the slip at once
             if relaxing:
                 # What relaxes after a jump is met by steps that grow with the time since then.
