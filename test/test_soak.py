@@ -1,7 +1,6 @@
 """Claims about nodes that are left running: a short soak, every fault done once."""
 
 import json
-import os
 import subprocess
 import sys
 
@@ -17,9 +16,8 @@ from ros_process import ENVIRONMENT, FIRST_START  # noqa: E402, I100
 
 
 def soak(*arguments):
-    environment = {**ENVIRONMENT, 'ROS_DOMAIN_ID': str(101 + os.getpid() % 100)}
     return subprocess.run(
-        [sys.executable, '-m', 'piezo_stack_sim.cli', 'soak', *arguments], env=environment,
+        [sys.executable, '-m', 'piezo_stack_sim.cli', 'soak', *arguments], env=ENVIRONMENT,
         capture_output=True, text=True, timeout=2 * FIRST_START)
 
 
