@@ -22,7 +22,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 PATIENCE = 60.0  # s without an answer until the device counts as dead
-RETRY = 10.0  # s until a question is asked again: an answer to a new client may get lost
+RETRY = 3.0  # s until a question is asked again: an answer to a new client may get lost
 COMMANDS = ('voltage_command', 'charge_command', 'external_force')
 _DOUBLE = struct.Struct('<d')
 _BODY = 4  # bytes before the number of a serialised Float64
@@ -163,6 +163,13 @@ class Probe:
                   and all(self.node.count_publishers(f'{self.device}/{t}') for t in self.heard)
                   and self._parameters.services_are_ready(), f'{self.device} to appear')
 
+    def introduce(self) -> None:
+        """Call everything once: the first answer to a client that is new may get lost."""
+        for service in ('step', 'reset'):
+            self.call(service)
+        self.call('pause', data=False)
+        self.set_parameters(command_timeout=0.0)
+
     def step_until_heard(self) -> None:
         """Step the device until its samples arrive: the graph shows a link before it works."""
         self.call('pause', data=True)
@@ -240,7 +247,7 @@ class Probe:
         return found[-1]
 
     def told(self, condition: Callable[[str, dict[str, str]], object],
-             patience: float = 10.0) -> bool:
+             patience: float = 30.0) -> bool:
         """Return whether diagnostics that meet a condition come in time."""
         try:
             self.report(condition, patience=patience)

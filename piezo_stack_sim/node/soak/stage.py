@@ -191,9 +191,12 @@ class Stage:
         for topic in heard:
             topic.keep = True
         probe.send('voltage_command', VOLTAGE)
-        for _ in range(40):
+        steps = after = 0
+        while after < 30:
             probe.call('step')
-        probe.wait(lambda: all(topic.count >= 40 for topic in heard), 'samples')
+            steps += 1
+            probe.wait(lambda: all(topic.count >= steps for topic in heard), 'samples')
+            after += heard[1].last == VOLTAGE
         for topic in heard:
             topic.keep = False
         probe.call('pause', data=False)
@@ -201,7 +204,7 @@ class Stage:
         before = sum(v != VOLTAGE for v in voltages)
         plant = self.plant('wall')
         expected = [plant.hold(0.0).displacement for _ in range(before)]
-        expected += [plant.advance(VOLTAGE, 0.0).displacement for _ in range(40 - before)]
+        expected += [plant.advance(VOLTAGE, 0.0).displacement for _ in range(steps - before)]
         return measured, expected
 
     def no_time_lost(self, before: tuple, after: tuple) -> Check:
