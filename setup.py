@@ -41,6 +41,7 @@ LINT = [
     'types-jsonschema',
 ]
 COLCON = ['colcon-common-extensions']
+DOC = ['pdoc>=14.4']
 # Templates, schemas and styles, beside the modules that use them.
 DATA = ['css', 'html', 'j2', 'js', 'json', 'mplstyle', 'svg']
 
@@ -80,6 +81,7 @@ setup(
         'test': TEST,
         'lint': LINT,
         'colcon': COLCON,
+        'doc': DOC,
         'dask': DASK,
         'all': [*ROS, *DASK],
     },

@@ -26,6 +26,7 @@ COMMANDS = {
     'export': 'Write the device as a circuit for a SPICE simulator.',
     'challenge': 'Make, answer and score a blind benchmark.',
     'bench': 'Measure speed and accuracy against peers.',
+    'soak': 'Leave two nodes running, do to them what may happen, and see what holds.',
 }
 FOLDER = Path(__file__).resolve().parent / 'commands'
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 import signal
+import time
 
 from piezo_stack_sim.errors import InputError
 import pytest
@@ -68,6 +69,25 @@ def test_a_signal_ends_the_node_cleanly(signum):
     status, output = node.end(signum)
     assert status == 0
     assert 'Traceback' not in output and 'rror' not in output
+
+
+@pytest.fixture(scope='module')
+def start_time():
+    """Return how long a node takes from its call to the word `ready`, s."""
+    began = time.monotonic()
+    node = NodeProcess(*node_arguments())
+    duration = time.monotonic() - began
+    node.end()
+    return duration
+
+
+@pytest.mark.parametrize('share', [0.0, 0.2, 0.4, 0.6, 0.8, 0.95])
+def test_a_signal_while_it_starts_ends_it_cleanly_too(share, start_time):
+    node = NodeProcess(*node_arguments(), wait=False)
+    time.sleep(share * start_time)
+    status, output = node.end()
+    assert status in (0, -signal.SIGTERM)  # the latter before Python has got to this package
+    assert 'Traceback' not in output
 
 
 def test_without_a_file_it_is_the_stack_of_the_paper():

@@ -3,6 +3,8 @@
 import importlib.util
 import json
 from pathlib import Path
+import subprocess
+import sys
 
 import pytest
 
@@ -90,3 +92,20 @@ def test_a_problem_is_one_line(environment, capsys):
         environment.run(main)
     assert ended.value.code == 1
     assert capsys.readouterr().err.count('\n') == 1
+
+
+def test_the_reference_has_a_page_for_every_module(tmp_path):
+    pytest.importorskip('pdoc')
+    pytest.importorskip('rclpy')
+    script = SCRIPT.parent / 'reference.py'
+    done = subprocess.run([sys.executable, str(script), '--here', str(tmp_path)],
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    package = SCRIPT.parent.parent / 'piezo_stack_sim'
+    for path in package.rglob('*.py'):
+        page = path.relative_to(package.parent).with_suffix('.html')
+        if page.name == '__init__.html':
+            page = page.parent.with_suffix('.html')
+        assert page.name == '__main__.html' or (tmp_path / page).is_file(), page
+    simulate = (tmp_path / 'piezo_stack_sim' / 'plant.html').read_text(encoding='utf-8')
+    assert 'Strictly increasing times' in simulate  # words of a docstring that is imported lazily

@@ -140,6 +140,11 @@ def run(arguments: list[str], when_ready: Callable[[], object] = lambda: None) -
         _serve(nodes, options, began, when_ready)
     except KeyboardInterrupt:
         pass
+    except Exception:
+        # A signal while the nodes are made shuts ROS down under them, and whatever needs it
+        # next complains: that is the end that was asked for, not a fault.
+        if rclpy.ok():
+            raise
     finally:
         for node in nodes:
             node.destroy_node()
@@ -161,6 +166,8 @@ def _serve(nodes, options: argparse.Namespace, began: float,
     executor = make_executor(options.executor)
     loop = Loop(nodes, executor, options.status)
     realtime.quiet_collector()
+    if not nodes[0].context.ok():  # a signal has come meanwhile: do not claim to be ready
+        return
     for node in nodes:
         device = node.plant.device
         node.get_logger().info(
