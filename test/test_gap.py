@@ -119,9 +119,63 @@ def test_the_noise_is_estimated_from_the_data_alone(device):
         simulated.append({name: getattr(answer, name) for name in NOISE})
     noise = estimate_noise(recordings, simulated)
     for channel, level in NOISE.items():
-        assert noise[channel].rms == pytest.approx(level, rel=0.08)
+        assert noise[channel].deviation(1e-4, 6000) == pytest.approx(level, rel=0.08)
     evidence = prepare(recordings, simulated)
     assert 0.4 < np.mean(evidence.tracks[0].fitted) < 0.6
+
+
+def coloured(n, period, random):
+    """Return noise of unit variance (n,): white, 1/f, and of first order with 400 Hz."""
+    white = random.standard_normal(n)
+    spectrum = np.fft.rfft(random.standard_normal(n))
+    spectrum[1:] /= np.sqrt(np.arange(1, spectrum.size))
+    spectrum[0] = 0.0
+    pink = np.fft.irfft(spectrum, n)
+    keep = np.exp(-2.0 * np.pi * 400.0 * period)
+    drive = np.sqrt(1.0 - keep ** 2) * random.standard_normal(n)
+    red = np.empty(n)
+    red[0] = white[0]
+    for i in range(1, n):
+        red[i] = keep * red[i - 1] + drive[i]
+    return {'white': white, 'pink': 0.8 * white + 0.6 * pink / pink.std(), 'red': red}
+
+
+@pytest.mark.parametrize('colour', ['white', 'pink', 'red'])
+def test_noise_of_any_colour_is_told_from_a_gap(device, colour):
+    random = np.random.default_rng(5)
+    recordings, simulated = [], []
+    wrong = device.with_effects({'stiffness_hardening': {'cubic': 0.05}})
+    for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=2), programmes.decay(),
+                      programmes.multisine(), programmes.force(cycles=3)):
+        real, model = (simulate(one, programme.time, programme.command, programme.external_force)
+                       for one in (wrong, device))
+        noise = 2e-9 * coloured(len(programme), programme.period, random)[colour]
+        recordings.append(programme.replace(measured={'displacement': real.displacement + noise}))
+        simulated.append({'displacement': model.displacement})
+    found = estimate_noise(recordings, simulated)['displacement']
+    for recording in recordings:
+        # One row, and an average over many: colour decides how much averaging helps.
+        assert found.deviation(recording.period, len(recording)) == pytest.approx(2e-9, rel=0.12)
+    n, period = len(recordings[0]), recordings[0].period
+    many = np.mean([np.var(coloured(n, period, np.random.default_rng(k))[colour]
+                           [:n // 50 * 50].reshape(-1, 50).mean(axis=1)) for k in range(20)])
+    assert found.deviation(period, n, 50) == pytest.approx(2e-9 * np.sqrt(many), rel=0.25)
+
+
+def test_the_zero_of_a_sensor_is_no_gap(device):
+    programme = programmes.triangle(peaks=(30.0, 90.0), cycles=2)
+    recording = measure(device, programme, ('displacement',), 3)
+    zeroed = recording.replace(measured={
+        'displacement': recording.measured['displacement'] + 1.5 * NOISE['displacement']})
+    answer = {'displacement': simulate(device, programme.time, programme.command).displacement}
+    track = prepare([zeroed], [answer]).tracks[0]
+    residual = track.weighted('displacement', answer['displacement'])
+    assert abs(residual.mean()) < 0.01
+    # Two micrometres are no noise of a row, and must stay visible.
+    far = recording.replace(measured={
+        'displacement': recording.measured['displacement'] + 1e3 * NOISE['displacement']})
+    track = prepare([far], [answer]).tracks[0]
+    assert track.weighted('displacement', answer['displacement']).mean() > 900.0
 
 
 def test_the_period_of_a_repeated_command_is_found():
@@ -156,8 +210,8 @@ def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, w
 
 
 def test_a_second_effect_counts_only_if_it_removes_what_the_first_leaves():
-    singles = [Ranked('a', 300.0, 0.80, 1), Ranked('b', 50.0, 0.1, 1)]
-    good = [Ranked('a+b', 500.0, 0.99, 2)]
-    poor = [Ranked('a+b', 310.0, 0.83, 2)]
+    singles = [Ranked('a', 300.0, 0.80, 1, strict=320.0), Ranked('b', 50.0, 0.1, 1, strict=50.0)]
+    good = [Ranked('a+b', 500.0, 0.99, 2, strict=600.0, left=0.05)]
+    poor = [Ranked('a+b', 310.0, 0.83, 2, strict=400.0, left=0.80)]
     assert decide(singles, good, 0.99, 50.0, []).word == 'MULTIPLE'
     assert decide(singles, poor, 0.99, 50.0, []).word == 'CAUSE'

@@ -42,16 +42,15 @@ def flexible_correction(evidence: Evidence, simulated: list[dict], residual: np.
     return left
 
 
-def placebo_correction(evidence: Evidence, residual: np.ndarray) -> np.ndarray:
+def placebo_corrections(evidence: Evidence, residual: np.ndarray) -> list[np.ndarray]:
     """
-    Return the residual (N,) after fitting slow random waves, one a recording, to it.
+    Return the residuals (N,) after fitting slow random waves, one a recording, to one.
 
-    Of several draws the middle one counts: a single wave may resemble a
-    programme of a few levels by luck.
+    Several draws, for a single wave may resemble a programme of a few levels by
+    luck: the middle one counts.
     """
     random = np.random.default_rng(SEED)
-    drawn = [_one_placebo(evidence, residual, random) for _ in range(DRAWS)]
-    return sorted(drawn, key=lambda left: float(left @ left))[DRAWS // 2]
+    return [_one_placebo(evidence, residual, random) for _ in range(DRAWS)]
 
 
 def _one_placebo(evidence: Evidence, residual: np.ndarray, random) -> np.ndarray:

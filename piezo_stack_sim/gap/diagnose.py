@@ -170,7 +170,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         'selected': list(verdict.selected),
         'ambiguity_set': list(verdict.tie),
         'shrinkage': shrinkage_part(evidence, fitter.base, chosen.residual, flexible,
-                                    blackbox.placebo_correction(evidence, fitter.base)),
+                                    blackbox.placebo_corrections(evidence, fitter.base)),
         'remaining': {'gap': gap_part(evidence, after),
                       'structured': judge.structure(chosen.residual) > thresholds.excess},
         'next_experiment': None,

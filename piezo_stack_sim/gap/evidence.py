@@ -17,6 +17,7 @@ from piezo_stack_sim.recording.recording import Recording
 CHANNELS = ('voltage', 'charge', 'displacement')
 ROWS = 7500  # a recording is averaged down to at most about this many rows
 RESTING_ROWS = 3000  # one whose command mostly rests, to this many
+FAR = 3.0  # standard deviations beyond which an offset is not that of a row's noise
 STRETCHES = 20  # alternating stretches that are fitted and withheld
 
 
@@ -63,8 +64,9 @@ class Track:
         """
         Return measured less simulated over the noise, (m,), free of the sensor's zero.
 
-        The zero is a nuisance with a normal prior; its best value is linear in
+        The zero is a nuisance with a normal prior; its best value is the mean of
         the residual and is taken off here, so that no fit needs to know of it.
+        An offset that no single row's noise can make stays.
         """
         wrong = self.measured[channel] - self.average(simulated)
         return self.unbiased(channel, wrong) / self.sigma[channel]
@@ -72,7 +74,9 @@ class Track:
     def unbiased(self, channel: str, wrong: np.ndarray) -> np.ndarray:
         """Return averaged errors (m,), SI units, less the likeliest zero of the sensor."""
         stiff = (self.sigma[channel] / self.zero[channel]) ** 2
-        return wrong - wrong.sum() / (wrong.size + stiff)
+        zero = float(wrong.sum()) / (wrong.size + stiff)
+        most = FAR * self.zero[channel]
+        return wrong - min(max(zero, -most), most)
 
 
 @dataclass(frozen=True)

@@ -132,11 +132,13 @@ def _parameter(parameter, value, fit: Fit, effect: str, errors) -> dict:
             'upper': _finite(parameter.upper), 'typical': _finite(parameter.typical)}
 
 
-def shrinkage_part(evidence: Evidence, base, after, flexible, placebo) -> dict:
+def shrinkage_part(evidence: Evidence, base, after, flexible, placebos) -> dict:
     """Return S of every channel on the withheld rows, with placebo and ceiling."""
     noise = noise_power(evidence)
     old, new = channel_power(evidence, base), channel_power(evidence, after)
-    best, false = channel_power(evidence, flexible), channel_power(evidence, placebo)
+    best = channel_power(evidence, flexible)
+    false = {channel: float(np.median([channel_power(evidence, placebo)[channel]
+                                       for placebo in placebos])) for channel in noise}
     result: dict = {'placebo': {}, 'ceiling': {}}
     for channel, level in noise.items():
         gap = old[channel] - level
