@@ -17,7 +17,6 @@ from piezo_stack_sim.recording.recording import Recording
 CHANNELS = ('voltage', 'charge', 'displacement')
 ROWS = 7500  # a recording is averaged down to at most about this many rows
 RESTING_ROWS = 3000  # one whose command mostly rests, to this many
-FAR = 3.0  # standard deviations beyond which an offset is not that of a row's noise
 STRETCHES = 20  # alternating stretches that are fitted and withheld
 
 
@@ -62,21 +61,19 @@ class Track:
 
     def weighted(self, channel: str, simulated: np.ndarray) -> np.ndarray:
         """
-        Return measured less simulated over the noise, (m,), free of the sensor's zero.
+        Return measured less simulated over the noise, (m,), white for a noisy zero as well.
 
-        The zero is a nuisance with a normal prior; its best value is the mean of
-        the residual and is taken off here, so that no fit needs to know of it.
-        An offset that no single row's noise can make stays.
+        The sum of squares is that of noise whose mean is known to ``zero`` only:
+        no fit needs to know of the sensor's zero, and an offset that no single
+        row's noise can make still counts.
         """
         wrong = self.measured[channel] - self.average(simulated)
         return self.unbiased(channel, wrong) / self.sigma[channel]
 
     def unbiased(self, channel: str, wrong: np.ndarray) -> np.ndarray:
-        """Return averaged errors (m,), SI units, less the likeliest zero of the sensor."""
-        stiff = (self.sigma[channel] / self.zero[channel]) ** 2
-        zero = float(wrong.sum()) / (wrong.size + stiff)
-        most = FAR * self.zero[channel]
-        return wrong - min(max(zero, -most), most)
+        """Return averaged errors (m,), SI units, with the mean weighed by how it is known."""
+        known = 1.0 + wrong.size * (self.zero[channel] / self.sigma[channel]) ** 2
+        return wrong - (1.0 - 1.0 / np.sqrt(known)) * wrong.mean()
 
 
 @dataclass(frozen=True)
