@@ -230,15 +230,17 @@ def _fitted(bands: np.ndarray, floor: float, least: float) -> ChannelNoise:
 
     limits = (np.log([least, 1e-8 * start ** 2, 1e-8 * start ** 2, CORNERS[0]]),
               np.log([30.0 * start, 30.0 * start ** 2, 900.0 * start ** 2, CORNERS[1]]))
-    best = None
+    tried = []
     for part in ((1.0, 1e-6, 1e-6, 500.0), (0.8, 0.05, 1e-6, 500.0), (0.3, 1e-6, 4.0, 300.0),
                  (0.3, 1e-6, 2.0, 1500.0)):
         first = np.log([max(part[0] * start, least), part[1] * start ** 2, part[2] * start ** 2,
                         part[3]])
-        found = minimize(loss, first, method='Nelder-Mead',
-                         options={'maxiter': 600, 'xatol': 0.01, 'fatol': 1e-5})
-        # The plainer noise unless colour tells clearly.
-        if best is None or found.fun < best.fun - 0.01:
+        tried.append(minimize(loss, first, method='Nelder-Mead',
+                              options={'maxiter': 600, 'xatol': 0.01, 'fatol': 1e-5}))
+    # The plainer noise unless colour tells clearly.
+    best = tried[0]
+    for found in tried[1:]:
+        if found.fun < best.fun - 0.01:
             best = found
     noise = made(np.clip(best.x, *limits))
     total = noise.white ** 2 + noise.red + 8.0 * noise.pink

@@ -117,10 +117,9 @@ def find_frequency(evidence: Evidence, residual: np.ndarray, rows: np.ndarray) -
     for centre, width in candidates:
         if centre >= lowest:
             coarse.append((fall(centre), centre, width))
-    best = max(coarse, default=None)
-    if best is None:
+    if not coarse:
         return None
-    _, centre, width = best
+    _, centre, width = max(coarse)
     # From the line width of the recording it was seen in down to that of the longest.
     while width > 1.0 / (FINE * longest):
         step = width / 6.0

@@ -104,7 +104,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             return Verdict('MULTIPLE', names, (), f'{first} alone leaves '
                            f'{_percent(1.0 - best.removed)} of the removable gap, '
                            f'with {second} {_percent(1.0 - pairs[0].removed)}', 0.8)
-    if best.gain < t.detect + 2.0 * best.parameters or best.removed < t.explained:
+    explained = max(best.removed, 1.0 - best.left)
+    if best.gain < t.detect + 2.0 * best.parameters or explained < t.explained:
         if structure < t.excess:
             return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
                            'parameters within their uncertainty is noise', 0.9)
