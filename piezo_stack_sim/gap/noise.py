@@ -193,9 +193,9 @@ def _bands(series: np.ndarray, period: float) -> list[tuple[float, ...]]:
     power *= 2.0 * period / float(np.sum(window ** 2))
     f = np.fft.rfftfreq(n, period)
     band = np.floor(BANDS_PER_DECADE * np.log10(np.maximum(f, 1e-9))).astype(int)
-    first = np.searchsorted(f, 2.0 / (n * period))
+    first = int(np.searchsorted(f, 2.0 / (n * period)))
     edges = np.flatnonzero(np.diff(band[first:])) + first + 1
-    out = []
+    out: list[tuple[float, ...]] = []
     for low, high in zip(np.append(first, edges), np.append(edges, f.size)):
         if high - low >= LINES:
             level = float(np.quantile(power[low:high], 0.25)) / _QUARTER
