@@ -20,7 +20,7 @@ from piezo_stack_sim.gap import blackbox, where
 from piezo_stack_sim.gap.candidates import (
     polish, Search, search_partners, search_singles)
 from piezo_stack_sim.gap.evidence import Evidence, prepare
-from piezo_stack_sim.gap.fit import Fit, Fitter
+from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.report_parts import (
@@ -287,6 +287,9 @@ def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
 
 def _warnings(fit: Fit, verdict) -> list[str]:
     notes = []
+    if fit.line is not None and len(fit.line.phases) > 1:
+        notes.append(f'the phase of {TONE} is another in every recording: a corrected device '
+                     'swings as much, but not in step with the real one')
     for free in fit.free:
         value = fit.effects[free.effect][free.parameter.name]
         span = free.limits[1] - free.limits[0]

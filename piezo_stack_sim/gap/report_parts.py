@@ -152,7 +152,9 @@ def shrinkage_part(evidence: Evidence, base, after, flexible, placebos) -> dict:
             entry['ci'] = _interval(evidence, base, after, channel, level)
         result[channel] = entry
         result['placebo'][channel] = 1.0 - (false[channel] - level) / gap if real else None
-        result['ceiling'][channel] = 1.0 - (best[channel] - level) / gap if real else None
+        # What an effect explains could be explained: the ceiling is no lower.
+        lowest = min(best[channel], new[channel])
+        result['ceiling'][channel] = 1.0 - (lowest - level) / gap if real else None
     result['withheld'] = [f'every second of {STRETCHES} stretches of {t.recording.name}'
                           for t in evidence.tracks]
     return result
