@@ -56,10 +56,25 @@ intervals. Made by `piezo_stack challenge score`.
 |---|{% for name in brief %}---|{% endfor %}---|---|
 | **diagnosis** | {% for name in brief %}{{ score.rates[name] | percent }} | {% endfor -%}
 {{ score.rates.false_alarm | percent }} | {{ score.rates.unknown | percent }} |
-{% for name, rates in score.baselines.items() -%}
+{% for name, rates in simpler.items() -%}
 | {{ baselines[name] }} | {% for key in brief %}{{ rates[key] | percent }} | {% endfor -%}
 {{ rates.false_alarm | percent }} | {{ rates.unknown | percent }} |
 {% endfor %}
+{%- if ablations %}
+
+## Without a part of the method
+
+| | {% for name in brief %}{{ heads[name] }} | {% endfor %}false alarm | absent: UNKNOWN | absent: block |
+|---|{% for name in brief %}---|{% endfor %}---|---|---|
+| **all parts** | {% for name in brief %}{{ score.rates[name] | percent }} | {% endfor -%}
+{{ score.rates.false_alarm | percent }} | {{ score.rates.unknown | percent }} | \
+{{ score.rates.unknown_block | percent }} |
+{% for name, rates in ablations.items() -%}
+| {{ without[name] }} | {% for key in brief %}{{ rates[key] | percent }} | {% endfor -%}
+{{ rates.false_alarm | percent }} | {{ rates.unknown | percent }} | \
+{{ rates.unknown_block | percent }} |
+{% endfor %}
+{%- endif %}
 {% for title, table in tables %}
 ## By {{ title }}
 
@@ -86,6 +101,10 @@ HEADS = {'detected': 'noticed', 'effect': 'named first', 'block': 'block',
          'covered': 'left open', 'right': 'right'}
 BASELINES = {'commonest': 'always the commonest effect', 'lowest_error': 'lowest training error',
              'bic': 'BIC alone', 'whiteness': 'whiteness test alone'}
+WITHOUT = {'no_cutting': 'the block taken from the best effect, not from the cuts',
+           'no_calibration': 'nominal parameters held',
+           'no_correlation': 'rows counted as independent',
+           'no_withheld': 'judged on the rows that were fitted'}
 
 
 def percent(rate):
@@ -116,7 +135,9 @@ def page(score):
               ('effect', effects)]
     text = environment.from_string(TEMPLATE).render(
         score=score, questions=QUESTIONS, brief=BRIEF, kinds=KINDS, heads=HEADS,
-        baselines=BASELINES, tables=tables)
+        baselines=BASELINES, without=WITHOUT, tables=tables,
+        simpler={k: v for k, v in score['baselines'].items() if k in BASELINES},
+        ablations={k: v for k, v in score['baselines'].items() if k in WITHOUT})
     return re.sub(r'\n{3,}', '\n\n', text)
 
 

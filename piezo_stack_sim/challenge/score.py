@@ -34,6 +34,10 @@ QUESTIONS = {
 BRIEF = ('detected', 'effect', 'block', 'covered', 'right')
 
 
+#: What the diagnosis notes of simpler ways to decide, and of its own way without a part of it.
+SIMPLER = ('lowest_error', 'bic', 'whiteness')
+ABLATIONS = ('no_cutting', 'no_calibration', 'no_correlation', 'no_withheld')
+
 def score(public, labels=None):
     """
     Return the score of the answers in a public folder.
@@ -185,22 +189,22 @@ def baselines(labels, answers):
         commonest = min(hidden, key=lambda name: (-hidden[name], name))
         out['commonest'] = {'effect': commonest, **rates(
             [judge(label, simple('CAUSE', commonest)) for label in labels.values()])}
-    for name in ('lowest_error', 'bic', 'whiteness'):
+    for name in (*SIMPLER, *ABLATIONS):
         rows = []
         for key, label in labels.items():
             noted = (answers[key][0].get('baselines') or {}).get(name)
             if noted:
                 rows.append(judge(label, simple(noted.get('verdict') or 'CAUSE',
-                                                noted.get('effect'))))
+                                                noted.get('effect'), noted.get('block'))))
         if rows:
             out[name] = {'sets': len(rows), **rates(rows)}
     return out
 
 
-def simple(verdict, effect):
+def simple(verdict, effect, block=None):
     """Return a bare answer that names one effect, several joined by plus, or none."""
     ids = effect.split('+') if effect else []
     if not ids:
-        return {'verdict': verdict}
+        return {'verdict': verdict, 'where': {'block': block}}
     return {'verdict': verdict, 'causes': [{'effect': effect}], 'selected': ids,
-            'where': {'block': BLOCK.get(ids[0])}}
+            'where': {'block': block or BLOCK.get(ids[0])}}

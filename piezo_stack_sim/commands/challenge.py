@@ -126,7 +126,7 @@ def diagnose(recordings, parameter_file):
 
     device = load_device(parameter_file)
     given = read_set(recordings)
-    found = diagnose_set(given, device, traces=False)
+    found = diagnose_set(given, device, traces=False, ablate=True)
     predictions = {}
     for kind in ('before', 'after'):
         for recording in given.recordings:

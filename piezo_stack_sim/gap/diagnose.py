@@ -17,6 +17,7 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
+from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.candidates import (
     polish, Search, search_partners, search_singles)
 from piezo_stack_sim.gap.evidence import Evidence, prepare
@@ -69,7 +70,8 @@ def _silent(message: str) -> None:
 
 
 def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = _silent,
-                 thresholds: Thresholds = DEFAULTS, traces: bool = True) -> Diagnosis:
+                 thresholds: Thresholds = DEFAULTS, traces: bool = True,
+                 ablate: bool = False) -> Diagnosis:
     """
     Diagnose one recording set.
 
@@ -85,6 +87,8 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         What was learned on the development set.
     traces : bool
         Whether to add the thinned signals that the report draws.
+    ablate : bool
+        Whether to add what the answer would be without parts of the method.
 
     Returns
     -------
@@ -136,6 +140,15 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     structure = judge.structure(search.nominal.residual)
     verdict = decide(singles, pairs, ceiling, structure, classes, thresholds)
     chosen = _chosen(verdict.selected, search)
+
+    def decide_by(other: Search, by: Judge):
+        measure = _Removable(evidence, other.nominal.residual)
+        ranked = _rank([n for n in other.fits if '+' not in n], other, by, measure)
+        two = _rank([n for n in other.fits if '+' in n], other, by, measure,
+                    other.fits[ranked[0].name])
+        return decide(ranked, two, ceiling, by.structure(other.nominal.residual), classes,
+                      thresholds)
+
     progress('writing it up')
     devices = fitter.devices_of(chosen)
     after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))
@@ -175,7 +188,8 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
                       'structured': judge.structure(chosen.residual) > thresholds.excess},
         'next_experiment': None,
         'warnings': _warnings(chosen, verdict),
-        'baselines': _baselines(singles, search, fitter, judge),
+        'baselines': {**_baselines(singles, search, fitter, judge),
+                      **(ablations(search, fitter, judge, verdict, decide_by) if ablate else {})},
         'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
                 'steps': _steps(evidence, search)},
     }

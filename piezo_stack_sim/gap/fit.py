@@ -202,7 +202,8 @@ class Fitter:
         return float(seen @ seen + np.sum((phi / self.nuisance.prior) ** 2))
 
     def fit(self, effects: dict[str, dict[str, float]], phi: np.ndarray | None = None,
-            steps: int = STEPS, fixed: tuple[str, ...] = (), anew: bool = False) -> Fit:
+            steps: int = STEPS, fixed: tuple[str, ...] = (), anew: bool = False,
+            held: bool = False) -> Fit:
         """
         Fit effects, starting from the values given, and the nominal parameters.
 
@@ -219,6 +220,8 @@ class Fitter:
         anew : bool
             Whether to take the derivative with respect to the nominal parameters
             again where the fit starts, with the effects on.
+        held : bool
+            Whether the nominal parameters stay where they are.
 
         Returns
         -------
@@ -253,6 +256,7 @@ class Fitter:
             nominal_square = nominal_seen.T @ nominal_seen
             used += phi.size
         precision = np.concatenate([np.zeros(n), self.nuisance.prior ** -2.0])
+        room = np.zeros(phi.size) if held else self.nuisance.bound
         stale, fresh = True, False
         for _ in range(steps):
             if stale:
@@ -275,8 +279,8 @@ class Fitter:
             for _ in range(3):
                 change = _bounded_step(
                     square, precision, slope, damping,
-                    np.concatenate([lower - walk, -self.nuisance.bound - phi]),
-                    np.concatenate([upper - walk, self.nuisance.bound - phi]))
+                    np.concatenate([lower - walk, -room - phi]),
+                    np.concatenate([upper - walk, room - phi]))
                 new_walk, new_phi = walk + change[:n], phi + change[n:]
                 new_residual = self._residual(effects, free, new_walk, new_phi, tone)
                 used += 1

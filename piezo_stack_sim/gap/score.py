@@ -33,6 +33,7 @@ class Judge:
     evidence: Evidence
     weights: np.ndarray  # independent withheld rows per (track, channel)
     forgiven: np.ndarray  # mean square of the difference in form, per (track, channel)
+    seen: bool = False  # judge by the rows of the fit instead, for comparison
 
     @classmethod
     def from_residual(cls, evidence: Evidence, residual: np.ndarray,
@@ -50,7 +51,7 @@ class Judge:
     def powers(self, residual: np.ndarray) -> np.ndarray:
         """Return Q of every (track, channel): 1 is nothing but noise."""
         return np.array([
-            float(np.mean(residual[where][~self.evidence.tracks[i].fitted] ** 2))
+            float(np.mean(residual[where][self.evidence.tracks[i].fitted == self.seen] ** 2))
             for (i, _), where in zip(self.evidence.keys, spans(self.evidence))])
 
     def structure(self, residual: np.ndarray) -> float:
