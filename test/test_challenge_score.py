@@ -8,7 +8,7 @@ from piezo_stack_sim.challenge import labels, page
 from piezo_stack_sim.challenge.answer import answer, answer_set, code_version, read_answers
 from piezo_stack_sim.challenge.judge import BLOCK, judge, true_shrinkage
 from piezo_stack_sim.challenge.rates import calibration, wilson
-from piezo_stack_sim.challenge.score import score
+from piezo_stack_sim.challenge.score import missed, score
 from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
 import pytest
@@ -68,7 +68,7 @@ def broken(recordings, parameter_file):
 def answered(folder, diagnose):
     """Return a public folder with labels and answers."""
     out = folder / 'public'
-    out.mkdir()
+    out.mkdir(parents=True)
     (out / 'challenge.json').write_text(json.dumps({'sets': list(HIDDEN)}))
     labels.commit(out, {'seed': 3, 'sets': {name: label(*entry)
                                             for name, entry in HIDDEN.items()}})
@@ -97,6 +97,16 @@ def test_one_answer_for_everything_scores_what_it_deserves(tmp_path):
     assert rates['both']['rate'] == rates['either']['rate'] == rates['unknown']['rate'] == 0.0
     assert result['calibration']['first_cause']['ece'] > 0.5
     assert result['confusion']['nothing'] == {'creep': 1}
+
+
+def test_a_score_below_its_floor_is_told_with_both_numbers(tmp_path):
+    floors = {'detected': 5, 'false_alarm': 0, 'effect': 2, 'unknown': 2}
+    assert missed(score(answered(tmp_path / 'knows', oracle)), floors) == []
+    low = missed(score(answered(tmp_path / 'blind', blind)), floors)
+    assert [line.split(': ')[-1] for line in low] == [
+        '1 of 1, expected at most 0', '1 of 2, expected at least 2', '0 of 2, expected at least 2']
+    with pytest.raises(InputError, match='no question'):
+        missed(score(answered(tmp_path / 'again', oracle)), {'luck': 1})
 
 
 def test_baselines_are_scored_on_the_same_sets(tmp_path):

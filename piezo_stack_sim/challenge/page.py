@@ -64,7 +64,8 @@ intervals. Made by `piezo_stack challenge score`.
 
 ## Without a part of the method
 
-| | {% for name in brief %}{{ heads[name] }} | {% endfor %}false alarm | absent: UNKNOWN | absent: block |
+| | {% for name in brief %}{{ heads[name] }} | {% endfor %}false alarm | absent: UNKNOWN \
+| absent: block |
 |---|{% for name in brief %}---|{% endfor %}---|---|---|
 | **all parts** | {% for name in brief %}{{ score.rates[name] | percent }} | {% endfor -%}
 {{ score.rates.false_alarm | percent }} | {{ score.rates.unknown | percent }} | \

@@ -33,10 +33,42 @@ QUESTIONS = {
 #: The questions by which groups of sets are compared.
 BRIEF = ('detected', 'effect', 'block', 'covered', 'right')
 
-
 #: What the diagnosis notes of simpler ways to decide, and of its own way without a part of it.
 SIMPLER = ('lowest_error', 'bic', 'whiteness')
 ABLATIONS = ('no_cutting', 'no_calibration', 'no_correlation', 'no_withheld')
+#: Questions of which a low rate is the good one.
+LESS_IS_BETTER = ('false_alarm', 'false_unknown')
+
+
+def missed(result, floors):
+    """
+    Return a sentence for each recorded floor that a score does not reach.
+
+    Parameters
+    ----------
+    result : dict
+        As :func:`score` returns it.
+    floors : dict of str to int
+        Question to how many hits there must be; for false alarms and the like,
+        how many there may be.
+
+    Raises
+    ------
+    InputError
+        For a question that there is not.
+
+    """
+    out = []
+    for name, wanted in floors.items():
+        if name not in QUESTIONS:
+            raise InputError(f'floors: no question {name!r}; there are {", ".join(QUESTIONS)}')
+        hits, of = result['rates'][name]['hits'], result['rates'][name]['of']
+        less = name in LESS_IS_BETTER
+        if hits > wanted if less else hits < wanted:
+            out.append(f'{QUESTIONS[name][0]}: {hits} of {of}, expected at '
+                       f'{"most" if less else "least"} {wanted}')
+    return out
+
 
 def score(public, labels=None):
     """

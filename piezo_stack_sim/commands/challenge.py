@@ -5,6 +5,7 @@ import os
 import sys
 
 import click
+from piezo_stack_sim.errors import InputError
 
 jobs_option = click.option(
     '--jobs', type=click.IntRange(min=1), default=os.cpu_count(), show_default='all cores',
@@ -64,7 +65,9 @@ def answer_command(folder, again, jobs, scheduler):
 @click.option('--labels', metavar='FILE', help='Label file.  [default: DIR.labels.json]')
 @click.option('--out', metavar='DIR', help='Folder for score.json, score.md and confusion.png.'
               '  [default: DIR/score]')
-def score_command(folder, labels, out):
+@click.option('--floors', metavar='FILE', help='JSON of question to the fewest hits (of false '
+              'alarms: the most); the status is 2 below them.')
+def score_command(folder, labels, out, floors):
     """Prove the hashes of labels and answers in DIR, and score the answers."""
     import json
     from pathlib import Path
@@ -82,6 +85,15 @@ def score_command(folder, labels, out):
             click.echo(f'{page.percent(rate):>6}  {page.interval(rate):>10}  '
                        f'{rate["hits"]:>4}/{rate["of"]:<4}  {text}')
     click.echo(out / 'score.md')
+    if floors:
+        try:
+            wanted = json.loads(Path(floors).read_text(encoding='utf-8'))
+        except (OSError, ValueError) as error:
+            raise InputError(f'{floors}: {error}; expected a JSON object of question to number'
+                             ) from None
+        missed = score.missed(result, wanted)
+        if missed:
+            raise InputError(f'{floors}: ' + '; '.join(missed))
 
 
 @contextmanager
