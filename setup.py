@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Build and installation, by colcon (ament_python) and by pip alike."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Files that are either the old one or the complete new one, whenever the writer is killed."""
 
 from contextlib import contextmanager

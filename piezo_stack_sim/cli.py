@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command ``piezo_stack``: finds a subcommand, runs it, words whatever goes wrong."""
 
 from difflib import get_close_matches

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Progress of long work: a bar on a terminal, nothing in a pipe."""
 
 import sys

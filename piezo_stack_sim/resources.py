@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where the files of config/ lie: in a checkout, in a colcon workspace or in an environment."""
 
 from pathlib import Path

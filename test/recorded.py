@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recordings for tests: what a stack without memory answers, with the noise of its sensors."""
 
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A real node in its own process, and a client of it: what the node's tests share."""
 
 import atexit

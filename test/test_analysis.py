@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the parameters imply: the facts of the paper's device, recomputed without the plant."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The speed table. What is asserted is accuracy: speed is for people to read."""
 
 import json

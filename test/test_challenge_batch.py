@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A batch is reproducible, readable as any recording set, and committed to its labels."""
 
 import gzip

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The generator's own physics: it is the paper's device, and every hidden effect shows."""
 
 import gzip

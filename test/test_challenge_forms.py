@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """No inverse crime: hidden effect and fitted effect of one name are not the same equations."""
 
 import numpy as np

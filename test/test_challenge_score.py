@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The score: truth scores full, luck does not, tampering is noticed, rates are honest."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The generator of the blind benchmark shares no physics with what it examines."""
 
 import ast

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command piezo_stack: its help, its exit status, its one-line errors."""
 
 import os

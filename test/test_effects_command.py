@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack effects``, the pages it writes, and the realistic device."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Results do not depend on how finely the plant works, with any effect and with all."""
 
 from effect_probes import ALL, IDEAL, mixed

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Magnitudes, energy and signatures of the effects, against published or recomputed numbers."""
 
 import math

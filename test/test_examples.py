@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Claims of the paper, shown by the example controllers as processes of their own."""
 
 import re

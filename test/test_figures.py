@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The paper's figures: what they show, in numbers, and that they come out the same again."""
 
 import json

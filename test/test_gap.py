@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The diagnosis on devices with one known effect: what it must see, and must not claim."""
 
 import numpy as np

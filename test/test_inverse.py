@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Claims about the quasi-static inverse of the Maxwell model."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Claims about the layouts for PlotJuggler and Foxglove: they show what the node really sends."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Claims about the benchmark of the node: it measures; what it finds is up to the machine."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Claims about starting and stopping `piezo_stack_node`: errors in one line, clean ends."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The package as pip and colcon install it."""
 
 from pathlib import Path
@@ -82,6 +84,15 @@ def test_package_xml_setup_py_and_changelog_agree(setup_arguments):
     changelog = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
     assert re.search(r'^(\d+\.\d+\.\d+)', changelog, re.MULTILINE).group(1) \
         == setup_arguments['version']
+
+
+def test_every_module_says_whose_it_is_and_under_which_licence():
+    for folder in ('piezo_stack_sim', 'test', 'tools'):
+        for path in (ROOT / folder).rglob('*.py'):
+            head = path.read_text(encoding='utf-8').splitlines()[:3]
+            if head:
+                assert any(line.startswith('# Copyright ') for line in head), path
+                assert '# SPDX-License-Identifier: Apache-2.0' in head, path
 
 
 def test_every_python_requirement_has_its_rosdep_key(setup_arguments):

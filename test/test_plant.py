@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The plant against the equations: recordings by an independent integrator, facts, invariants."""
 
 import csv

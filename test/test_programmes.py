@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The test programmes: what they command, and that they are the ones of the references."""
 
 from pathlib import Path

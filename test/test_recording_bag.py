@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Bags become rows without clocks agreeing, and what was written comes back to the bit."""
 
 import subprocess

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """CSV files are read to the bit, written atomically, and every error names its place."""
 
 import gzip

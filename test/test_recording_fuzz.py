@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Whatever bytes and numbers come in, either a sound recording or an InputError comes out."""
 
 from functools import lru_cache

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Preflight names what is wrong with a recording, mends what is safe, and refuses the rest."""
 
 import numpy as np

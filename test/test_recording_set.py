@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recording sets are found in folders and files; names and units are parsed, never evaluated."""
 
 import copy

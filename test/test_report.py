@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The report and the summary show what the diagnosis says, whatever the names in it are."""
 
 from base64 import b64encode

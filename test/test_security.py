@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Claims about the DDS security files: who may command; nothing of the node is forgotten."""
 
 from fnmatch import fnmatchcase

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The device as a circuit: ngspice, which knows nothing of the plant, computes the same."""
 
 import subprocess

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From a gap to its cause to a parameter file to a running node, and the gap is gone."""
 
 import json

@@ -1,4 +1,6 @@
 #!/usr/bin/env python3
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Make the environment, start the virtual actuator and a controller on its topics, show the result.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Make and refresh the virtual environment `.venv` of this checkout; nothing but Python needed."""
 
 import argparse

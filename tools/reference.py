@@ -1,4 +1,6 @@
 #!/usr/bin/env python3
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Write the reference of the package from its docstrings: `python3 tools/reference.py [FOLDER]`.
 

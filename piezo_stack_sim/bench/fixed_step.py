@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A plain loop with a fixed time step: the trapezoidal rule and Newton's method, compiled.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Running ngspice, the circuit simulator, on a netlist of the device."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The device by a general solver of ordinary differential equations, as one would with scipy."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The blind benchmark: devices with hidden effects, made by physics of their own, and the score.
 

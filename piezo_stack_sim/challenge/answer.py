@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Lets a diagnosis answer every set of a batch, without the labels; resumable, in parallel."""
 
 import hashlib

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """One device of a batch: what is drawn for it, and how large its hidden effects come out."""
 
 from dataclasses import dataclass, replace

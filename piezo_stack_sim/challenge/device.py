@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """One device under test: what it is, what is hidden in it, and its noise-free response."""
 
 from dataclasses import dataclass, field, replace

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From the command to the open-circuit voltage of the amplifier: what a driver makes of it."""
 
 from dataclasses import dataclass

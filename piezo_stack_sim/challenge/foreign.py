@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Effects that the library of the diagnosis does not have: the right answer is UNKNOWN, there."""
 
 from piezo_stack_sim.challenge.hidden import (

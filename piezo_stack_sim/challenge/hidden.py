@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a hidden effect is: a block, a functional form, random magnitudes, and a changed device."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Small fixed steps through the equations of the stack: no events, no modes, no closed forms.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Judges one answer against what was hidden: which questions were put, which were got right."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Commit and reveal: labels lie outside the public folder, which holds only their salted hash."""
 
 import hashlib

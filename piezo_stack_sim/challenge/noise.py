@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Noise of the instruments, its colour and level, and the steps of their converters."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The score for readers: a Markdown page and the confusion matrix as a picture."""
 
 from pathlib import Path

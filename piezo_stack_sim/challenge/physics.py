@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The equations of the stack (paper Eqs. 11-19) and of what a real one adds, as compiled functions.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Rates with their uncertainty, and how honest stated probabilities are."""
 
 import math

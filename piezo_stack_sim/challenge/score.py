@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Scores a batch of answers: proves both hashes, judges every set, adds up."""
 
 from collections import Counter

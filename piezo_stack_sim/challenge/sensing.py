@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From what the stack does to what the instruments say, without noise."""
 
 from dataclasses import dataclass

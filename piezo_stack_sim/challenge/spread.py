@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Many independent pieces of work: here, over processes, or over a Dask cluster."""
 
 from concurrent.futures import as_completed, ProcessPoolExecutor

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The stack and what hangs on it, as numbers: one named tuple that the compiled integrator reads.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack challenge``: the blind benchmark, made, answered and scored."""
 
 from contextlib import contextmanager

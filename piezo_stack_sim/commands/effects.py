@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack effects``: what a real set-up adds to the ideal stack."""
 
 from pathlib import Path

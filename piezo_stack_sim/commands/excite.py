@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack excite``: play a test programme to a device and record what it does."""
 
 from pathlib import Path

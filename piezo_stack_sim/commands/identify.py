@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack identify``: the parameters of an actuator from recordings."""
 
 import click

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack report``: the report once more, from the diagnosis alone."""
 
 from pathlib import Path

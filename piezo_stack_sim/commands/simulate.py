@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack simulate``: what the model says to the commands of a recording set."""
 
 from dataclasses import replace

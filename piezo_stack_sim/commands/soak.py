@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``piezo_stack soak``: long runs and faults done to running nodes, and what they survived."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What an effect is: a name, a block, parameters, and its piece of the dynamics."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Losses of the ceramic that grow with the rate: the v-q loop opens with frequency.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """All effects, in the order in which a signal meets them."""
 
 from __future__ import annotations

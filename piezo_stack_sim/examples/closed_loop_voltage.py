@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """PI control of the displacement by voltage: the controller works against hysteresis."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the examples share: arguments, the loop over the reference, table and picture."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Open-loop control by voltage through the inverse of the Maxwell model."""
 
 from __future__ import annotations

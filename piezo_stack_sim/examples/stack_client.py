@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A controller's end of the topics: send a command, get the sample that follows."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How well a displacement follows a reference, and how wide the loop over the command is."""
 
 from __future__ import annotations

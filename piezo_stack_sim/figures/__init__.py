@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The figures of the paper, simulated, each with the numbers that prove what it shows."""
 
 from importlib import import_module

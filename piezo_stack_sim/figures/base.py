@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a figure of the paper is here: a drawing, and the numbers that prove what it shows."""
 
 from __future__ import annotations

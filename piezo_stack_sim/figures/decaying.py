@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figure 12: a linearly decaying sine of 100 Hz."""
 
 import numpy as np

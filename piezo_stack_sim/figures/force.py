@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figure 13: a force of 10 Hz, leads open and shorted."""
 
 import numpy as np

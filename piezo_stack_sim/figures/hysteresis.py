@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figure 2: hysteresis, the same at every speed, from voltage and from force to displacement."""
 
 import numpy as np

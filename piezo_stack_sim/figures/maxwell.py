@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures 7 and 8: the rising curve, its piecewise-linear fit, and the Maxwell parameters."""
 
 from itertools import combinations

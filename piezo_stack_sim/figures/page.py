@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The page that shows the figures beside what the paper says, made from figures.json."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figure 14: the IEEE resonance circuit, of which the mechanics are the inductive part."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figure 4: quasi-static force and displacement, leads open and shorted."""
 
 import numpy as np

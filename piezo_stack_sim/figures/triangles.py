@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures 10 and 11: triangles of 30, 60 and 90 V at 100 Hz, against time and against voltage."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The gap and where it lies, without causes: seconds instead of a minute."""
 
 from __future__ import annotations

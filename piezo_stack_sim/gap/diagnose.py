@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The diagnosis from recordings to ``diagnosis.json``: where, which, how far, what next.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Recordings made ready for comparison: thinned, weighted by their noise, split in two.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A hypothesis fitted by simulation error: effects on top of the re-tuned nominal device.
 

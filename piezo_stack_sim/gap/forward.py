@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From numbers to residuals: the simulation of all recordings of a set."""
 
 from __future__ import annotations

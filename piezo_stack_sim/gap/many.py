@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Many diagnoses: over processes of this machine, or over a Dask cluster."""
 
 from __future__ import annotations

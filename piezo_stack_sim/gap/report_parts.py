@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The parts of ``diagnosis.json`` that are numbers about fits and channels."""
 
 from __future__ import annotations

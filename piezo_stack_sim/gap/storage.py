@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``diagnosis.json`` on disk: written whole and valid, read with every error in one line."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The diagnosis on a terminal: at most 25 lines, plain in a pipe."""
 
 import textwrap

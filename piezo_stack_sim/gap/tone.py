@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 A line that nobody synchronised with the recordings: one frequency, new phases each time.
 

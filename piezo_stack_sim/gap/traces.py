@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What of the recordings goes into ``diagnosis.json`` so that the report can draw them."""
 
 import heapq

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The diagnosis in sentences: said once here, shown by the report and by the terminal."""
 
 from piezo_stack_sim.gap.quantities import (in_order, interval, listing, percent,

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A diagnosis as files: diagnosis.json, report.html, corrected.yaml."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How well recordings determine each parameter, and which recording would do better."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A first actuator from the numbers of a catalogue, and what had to be assumed for it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From recordings to an actuator: the rising curve, the start, the joint fit, the intervals."""
 
 from __future__ import annotations

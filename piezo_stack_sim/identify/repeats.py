@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 How often do the intervals cover the truth?  Identification repeated with fresh noise.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where the joint fit begins: each number from the recordings that show it best."""
 
 from __future__ import annotations

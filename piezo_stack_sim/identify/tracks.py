@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recordings ready to be fitted: averaged, weighted, without the rows that were mended."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """An identified actuator as a parameter file that says where its numbers come from."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """One virtual actuator as a ROS 2 node: topics, services and parameters around a plant."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a device does with a command: take it, clamp it, or refuse it, and count."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``/diagnostics``: what a person on duty wants to know of a device, once a second."""
 
 from __future__ import annotations

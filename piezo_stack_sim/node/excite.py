@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A test programme, played to the device behind the topics and recorded while it plays."""
 
 from __future__ import annotations

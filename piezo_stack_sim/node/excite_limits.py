@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a test may do to a device: limits of voltage, slew and current, and ramps within them."""
 
 from __future__ import annotations

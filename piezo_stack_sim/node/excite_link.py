@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The tester's end of the topics of a device, real or virtual: what it has, sends and hears."""
 
 from __future__ import annotations

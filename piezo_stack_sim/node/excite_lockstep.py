@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Playing to a device in lockstep: every command brings the next tick, exactly repeatable."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Playing to a device that keeps its own time: a steady clock here, stamps from there."""
 
 from __future__ import annotations

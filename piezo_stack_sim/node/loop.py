@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The main loop: messages as they come, ticks at their deadlines, house-keeping in between."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command ``piezo_stack_node``: the virtual device, or several of them in one process."""
 
 from __future__ import annotations

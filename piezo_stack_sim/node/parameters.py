@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of a device as ROS parameters: declared, described, checked, changed."""
 
 from __future__ import annotations

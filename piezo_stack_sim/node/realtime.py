@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the operating system can do for punctual ticks; all of it optional."""
 
 from __future__ import annotations

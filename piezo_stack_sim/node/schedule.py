@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Deadlines on the steady clock: no drift, no time lost, however late a tick comes."""
 
 from __future__ import annotations

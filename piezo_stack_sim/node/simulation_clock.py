@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """``/clock``: the one time of all devices of a process that are stepped."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The virtual actuator itself: parameters, model, kernel, analysis.  No ROS in here."""
 
 import importlib

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 What follows from the parameters of a device: Eqs. 20 to 26 and the curves a catalogue shows.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From the parameters of a device to a model: the ideal stack, then its effects."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Where in a sub-step the first event lies: slip begins or ends, a stop is met, a limit.
 

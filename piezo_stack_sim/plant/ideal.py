@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The ideal stack (Eqs. 11 to 17) as a kernel of its own, for speed.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The device led so slowly that inertia and damping play no part: exact, and without a time step.
 

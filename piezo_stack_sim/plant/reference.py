@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The scales of an actuator: what "full" means for its voltage, charge, stroke and stiffness."""
 
 from __future__ import annotations

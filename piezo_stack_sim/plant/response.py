@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Small-signal frequency responses of a device: in closed form, and measured on the simulation.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where the linear states of a device come to rest, given the others: starts without a jump."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What real sensors add to a true value: white noise and the steps of a converter."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Smooth ports: a polynomial voltage over the charge, a polynomial force over the displacement.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 The whole device as a circuit, for SPICE: an independent computation of Eqs. 11 to 17.
 

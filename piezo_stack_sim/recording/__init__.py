@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Recordings: rosbag2 and CSV in, CSV and rosbag2 out, checked and mended by preflight.
 

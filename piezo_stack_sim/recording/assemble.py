@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """One Recording out of the columns or topics that a file turned out to have."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Bags opened without ROS: rosbag2 folders, single MCAP and sqlite3 files, also of killed recorders.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recordings into rosbag2 folders, with the topics of the virtual device, without ROS."""
 
 from pathlib import Path

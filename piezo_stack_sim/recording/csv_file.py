@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """CSV files, plain or gzipped, into recordings: fast for good files, exact about bad ones."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What reading and preflight found out about a recording, and what was done about it."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Preflight of sizes: units that are wrong by powers of a thousand, and what else is far off."""
 
 from itertools import product

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 MCAP files of a recorder that was killed: no index, no end, perhaps half a chunk.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Preflight: what is wrong with recordings, named with file and row; mended where that is safe.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recording sets: a folder of CSV files and bags, or single files, into one RecordingSet."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What was commanded to a device and what it answered, as arrays in SI units."""
 
 from dataclasses import dataclass, field, replace

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Which topic of a bag holds which channel, and how to take the number out of a message."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A few tests of a stack, and in which of them an effect shows most."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The documentation page of an effect, from what its file says."""
 
 from __future__ import annotations

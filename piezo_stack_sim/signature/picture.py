@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The picture of an effect: time traces and loops of the same tests with and without it."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """
 Coverage-guided fuzzing of the readers of recordings: CSV, gzip, MCAP, sqlite3, mapping, units.
 

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where the gap lies: the blocks, and the shares by channel, recording, band and regime."""
 
 from piezo_stack_sim.gap.quantities import (in_order, interval, percent, quantity,

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Which effect: the candidates in order, the ties among them and what ties on principle."""
 
 from piezo_stack_sim.gap.quantities import percent, probability, significant, UNKNOWN, words

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Places on a horizontal scale, in per cent of its width."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Faults of those who control: clocks, stopped processes, parameters, services, extremes."""
 
 from __future__ import annotations

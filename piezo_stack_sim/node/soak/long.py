@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The long runs: an hour of device time in lockstep, ten minutes by wall time."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A client of a device under test: it commands, listens, asks, and judges what it hears."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The devices under test, their clients, and the questions that are asked after every fault."""
 
 from __future__ import annotations

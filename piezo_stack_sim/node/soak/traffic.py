@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Faults of those who send: floods, silence, deaths, latecomers, rivals."""
 
 from __future__ import annotations

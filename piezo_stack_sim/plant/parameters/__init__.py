@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of a device: one table, one file format, frozen data."""
 
 from piezo_stack_sim.plant.parameters.device import Actuator, Device, Load, Noise

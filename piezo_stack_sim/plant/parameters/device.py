@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A device as frozen data: the actuator, its load, its effects, its sensors, its operation."""
 
 from dataclasses import asdict, dataclass, field, replace

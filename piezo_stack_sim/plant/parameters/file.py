@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 parameter files: read without ROS, written so that ROS and people can read them."""
 
 from difflib import get_close_matches

@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Unit slips that no single value shows: ratios that every real stack keeps within bounds."""
 
 import math

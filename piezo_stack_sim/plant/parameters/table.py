@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The declarative table of every parameter: names, types, units, bounds, defaults."""
 
 from dataclasses import dataclass

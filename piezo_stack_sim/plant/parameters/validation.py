@@ -1,3 +1,5 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From any mapping of parameters to a checked device, with a mend for whatever is wrong."""
 
 from collections.abc import Mapping
