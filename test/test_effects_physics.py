@@ -8,7 +8,7 @@ from effect_probes import (
     device, fundamental, IDEAL, lags, mixed, only, rise_time, sine, triangle)
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.plant import Plant, simulate
+from piezo_stack_sim.plant import Device, Plant, simulate
 from piezo_stack_sim.plant.build import build_model
 import pytest
 
@@ -130,6 +130,16 @@ def test_a_held_stack_creeps_on_a_voltage_only_and_a_given_charge_keeps_the_disp
     response = simulate(device('creep'), time, np.full(time.size, 5e-5), drive='charge')
     assert np.ptp(response.displacement[5:]) < 1e-12
     assert response.voltage[-1] < response.voltage[5] - 0.5
+
+
+def test_what_leaks_past_the_stack_does_not_bow_its_displacement():
+    time = np.arange(5000) / 1e3
+    command = 45.0 - 45.0 * np.cos(2.0 * np.pi * time / 5.0)
+    bowed = {'transducer_nonlinearity': {'curvature': 0.03}}
+    tight, leaky = (simulate(Device.nominal().with_effects(effects), time, command)
+                    for effects in (bowed, {**bowed, 'leakage': {'resistance': 1e7}}))
+    assert np.ptp(leaky.charge - tight.charge) > 1e-5
+    assert np.allclose(leaky.displacement, tight.displacement, atol=1e-13)
 
 
 @pytest.mark.parametrize('resistance, microcoulomb', [(1e7, 900.0), (1e8, 90.0)])

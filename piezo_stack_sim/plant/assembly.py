@@ -144,7 +144,7 @@ class Model:
         Pass the displacement through a memoryless function.
 
         It is called as ``function(reading, time, charge)`` with arrays of equal
-        shape (m, s since reset, C) and returns the new reading (m).
+        shape (m, s since reset, C on the stack) and returns the new reading (m).
         """
         self.reading_maps.append(function)
 
@@ -288,6 +288,7 @@ def assemble(model: Model) -> System:
     reading[3, column['voltage']] = 1.0
     reading[4, column['charge']] = model.T / model.C
     reading[4, 0] = -model.T ** 2 / model.C
+    reading[5, column['charge']] = 1.0
 
     k = np.ascontiguousarray(model.maxwell_k, dtype=float)
     v_break = np.ascontiguousarray(model.maxwell_v, dtype=float)

@@ -312,6 +312,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             out_state[index, 2] = q
             out_state[index, 3] = v
             out_state[index, 4] = ratio * v_t  # Eq. 14
+            out_state[index, 5] = q
         index = seg_read[segment]
         if index >= 0:
             out_read[index] = reading

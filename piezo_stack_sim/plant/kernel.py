@@ -80,7 +80,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     Advance the device over segments of constant command and force.
 
     ``seg_state[i]`` / ``seg_read[i]`` name the row of ``out_state`` /
-    ``out_read`` (n, 5) that is sampled at the end of segment i, or -1.
+    ``out_read`` (n, 6) that is sampled at the end of segment i, or -1.
     ``built`` marks the modes whose propagators ``tables`` exist.
     Returns 0, or 1 if a state left the finite numbers.
     """

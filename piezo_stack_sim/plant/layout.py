@@ -22,8 +22,9 @@ U, FORCE, A_RC, ONE, A_FRICTION, A_CONTACT, SMOOTH_V, SMOOTH_F = range(8)
 N_INPUTS = 8
 N_RAMPS = 4  # slopes and curvatures of the two smooth inputs within a sub-step
 
-# Outputs: reading of displacement, velocity, charge, voltage, transduced force.
-N_OUTPUTS = 5
+# Outputs: reading of displacement, velocity, charge as measured, voltage, transduced force,
+# charge on the stack.
+N_OUTPUTS = 6
 
 # What is watched of a state: charge and its rate, the rate of charge that the source
 # wants; where a longer sub-step is thought of, higher derivatives of charge and

@@ -310,7 +310,7 @@ class Plant:
     # -- stepping ------------------------------------------------------------------
 
     def _evaluate(self) -> tuple[np.ndarray, float]:
-        """Return outputs (5,) and reading of the present state without advancing."""
+        """Return outputs (6,) and reading of the present state without advancing."""
         tables = self._tables
         out, read = np.zeros((1, layout.N_OUTPUTS)), np.zeros(1)
         one = np.zeros(1, dtype=np.int64)
@@ -322,7 +322,7 @@ class Plant:
 
     def sample_exact(self) -> np.ndarray:
         """Return displacement, velocity, charge, voltage and force now, as they truly are."""
-        return self._evaluate()[0]
+        return self._evaluate()[0][:5]
 
     def sample_noisy(self) -> dict[str, float]:
         """Return the reading of the present instant, with noise if the plant is noisy."""
@@ -504,7 +504,7 @@ class Plant:
         self._ticks += 1
         self.time = self._ticks * self.period
         self._note_range()
-        _, velocity, charge, voltage, transduced = out[0].tolist()
+        _, velocity, charge, voltage, transduced, _ = out[0].tolist()
         return Sample(float(self._reading[0] - self._zero[0]), velocity,
                       float(charge - self._zero[1]), voltage, transduced)
 
@@ -516,8 +516,10 @@ class Plant:
         """Sensor side: zero, memoryless maps, noise, quantisation."""
         displacement = read - self._zero[0]
         charge = out[:, 2] - self._zero[1]
+        # What the charge does to the material is done by that on the stack, not by what leaks.
+        inside = out[:, 5] - self._zero[1]
         for function in self._model.reading_maps:
-            displacement = function(displacement, time, charge)
+            displacement = function(displacement, time, inside)
         voltage = out[:, 3]
         if noisy and self._sensors_disturb:
             draws = self._random.standard_normal((time.size, 3))
