@@ -3,9 +3,9 @@
 """
 A stack that was not relaxed when the recording began.
 
-It had been led slowly to a voltage and back to zero, and the sensors were
-zeroed there: the blocks of Eq. 16 start where that left them.  The first cycle
-differs, later ones close on it.
+It had been led slowly to a voltage, perhaps to a second one, and back to zero,
+and the sensors were zeroed there: the blocks of Eq. 16 start where that left
+them.  The first cycle differs, later ones close on it.
 
 Look-alikes: ``creep`` and drifts (they go on after the first full cycle).
 Source: recomputed from Tables 1 and 2, 2.2 um remain after 90 V.
@@ -14,10 +14,11 @@ Source: recomputed from Tables 1 and 2, 2.2 um remain after 90 V.
 from piezo_stack_sim.effects.base import Effect, Parameter
 
 
-def apply(model, peak_voltage):
-    """Start from the remanence of an earlier peak, at most that of the full range."""
+def apply(model, peak_voltage, turn_voltage):
+    """Start from the remanence of earlier voltages, at most those of the full range."""
     full = model.reference.voltage
-    model.previous_peak_voltage = max(-full, min(peak_voltage, full))
+    model.previous_voltages = tuple(max(-full, min(volt, full))
+                                    for volt in (peak_voltage, turn_voltage))
 
 
 EFFECT = Effect(
@@ -27,5 +28,7 @@ EFFECT = Effect(
         Parameter('peak_voltage', 'V', 0.0, -200.0, 200.0, 90.0,
                   'voltage it had been led to before and back; beyond the range the range counts',
                   runtime=False),
+        Parameter('turn_voltage', 'V', 0.0, -200.0, 200.0, 0.0,
+                  'voltage at which it turned once more on the way back to zero', runtime=False),
     ),
     apply, channels=('charge', 'displacement'))

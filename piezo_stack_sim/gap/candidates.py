@@ -171,10 +171,14 @@ def _probe(fitter: Fitter, name: str, place: Place, others: dict, fit: Fit) -> P
     if not np.isfinite(directions).all() or np.abs(directions).max() > 1e9:
         return Probe(name, place.looks[0], None)
     gain, factors = fitter.linear_gain(directions, fit)
-    full_step = max(fitter.cost(fit.residual, fit.phi) - fitter.cost(m, fit.phi) for m in moved)
-    there = place.at(EFFECTS[name], factors) if place.strengths else place.shape
-    return Probe(name, there, directions.astype(np.float32), max(gain, full_step),
-                 max(gain, full_step) if place.strengths else full_step, place)
+    falls = [fitter.cost(fit.residual, fit.phi) - fitter.cost(m, fit.phi) for m in moved]
+    best = int(np.argmax(falls))
+    promise = max(gain, falls[best])
+    if not place.strengths:
+        return Probe(name, place.shape, directions.astype(np.float32), promise, falls[best], place)
+    # Where it fits as it stands, a line from no effect at all tells nothing better.
+    there = place.at(EFFECTS[name], factors) if gain > falls[best] else place.looks[best]
+    return Probe(name, there, directions.astype(np.float32), promise, promise, place)
 
 
 def _probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:

@@ -138,9 +138,9 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
                 search_partners(fitter, extent, search, ranked.name, progress)
         together = [n for n in search.fits if '+' in n]
         pairs = _rank(together, search, judge, removable, search.fits[singles[0].name])
-    classes, unseen = isolability(fitter, search)
+    classes, unseen, kin = isolability(fitter, search)
     structure = judge.structure(search.nominal.residual)
-    verdict = decide(singles, pairs, ceiling, structure, classes, thresholds)
+    verdict = decide(singles, pairs, ceiling, structure, classes, thresholds, kin)
     chosen = _chosen(verdict.selected, search)
 
     def decide_by(other: Search, by: Judge):
@@ -149,7 +149,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         two = _rank([n for n in other.fits if '+' in n], other, by, measure,
                     other.fits[ranked[0].name])
         return decide(ranked, two, ceiling, by.structure(other.nominal.residual), classes,
-                      thresholds)
+                      thresholds, kin)
 
     progress('writing it up')
     devices = fitter.devices_of(chosen)
@@ -208,7 +208,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     scores = {
         'weights': judge.weights.tolist(), 'forgiven': judge.forgiven.tolist(),
         'nominal': judge.powers(search.nominal.residual).tolist(), 'ceiling': ceiling,
-        'structure': structure, 'classes': classes,
+        'structure': structure, 'classes': classes, 'kin': sorted(map(sorted, kin)),
         'fits': {name: [judge.powers(fit.residual).tolist(), removable.share(fit.residual),
                         _count(fit), fit.cost] for name, fit in search.fits.items()}}
     return Diagnosis(result, fitter.device_with(chosen.effects, chosen.phi),

@@ -17,12 +17,16 @@ from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.fit import Fitter
 
 SEEN = 5.0  # length of a direction, in standard deviations, that counts as seen
+KIN = 0.6  # cosine between directions from which two effects are kin
 ALIKE = 0.985  # cosine between directions from which two effects count as one
 
 
-def isolability(fitter: Fitter, search: Search) -> tuple[list[list[str]], list[str]]:
+def isolability(fitter: Fitter, search: Search
+                ) -> tuple[list[list[str]], list[str], set[frozenset[str]]]:
     """
-    Return the classes of effects that look alike, and the undetectable ones.
+    Return the classes of effects that look alike, the undetectable ones, and pairs of kin.
+
+    Kin resemble each other: what the form of one misses, the other may fill in.
 
     Directions are those of a typical strength of each effect, cleared of what
     re-tuning the nominal parameters can imitate.
@@ -44,7 +48,7 @@ def isolability(fitter: Fitter, search: Search) -> tuple[list[list[str]], list[s
         names.append(name)
         directions.append((longest / np.linalg.norm(longest)).astype(np.float32))
     if not names:
-        return [], unseen
+        return [], unseen, set()
     cosine = np.abs(np.array(directions) @ np.array(directions).T)
     classes, left = [], set(range(len(names)))
     while left:
@@ -58,4 +62,6 @@ def isolability(fitter: Fitter, search: Search) -> tuple[list[list[str]], list[s
         left -= group
         if len(group) > 1:
             classes.append([names[i] for i in sorted(group)])
-    return classes, unseen
+    kin = {frozenset((a, b)) for i, a in enumerate(names) for j, b in enumerate(names)
+           if i < j and cosine[i, j] > KIN}
+    return classes, unseen, kin

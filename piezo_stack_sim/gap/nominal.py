@@ -32,8 +32,8 @@ class Nuisance:
         n = len(actuator.maxwell_stiffness)
         self.names = [*TABLE_1, *(f'maxwell_stiffness[{i}]' for i in range(n)),
                       *(f'maxwell_break_voltage[{i}]' for i in range(n))]
-        self.bound = np.full(len(self.names), uncertainty)
         # The elements were fitted jointly to one curve: single deviations are smaller.
+        self.bound = np.concatenate([np.full(5, uncertainty), np.full(2 * n, 0.5 * uncertainty)])
         self.prior = np.concatenate([np.full(5, 0.5 * uncertainty),
                                      np.full(2 * n, 0.25 * uncertainty)])
         self.n = n

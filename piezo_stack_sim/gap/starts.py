@@ -19,7 +19,9 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 from piezo_stack_sim.gap.evidence import Evidence
 
 MOST = 12  # places from which an effect is looked at
-STRENGTHS = (0.05, 1.0)  # of a typical strength, for an effect with one number
+STRENGTHS = (0.05, 0.4, 1.5)  # of a typical strength, for an effect with one number
+# A mass moves a resonance, and a resonance is found only from close by.
+MASSES = tuple(float(part) for part in np.geomspace(0.01, 6.0, 32))
 STRENGTH = 0.3  # for one with several
 
 
@@ -114,9 +116,11 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
     parts = STRENGTHS if len(strong) == 1 and (
         all(len(s) == 1 for s in shapes) or any(p.unit == 'm' for p in effect.parameters
                                                 if not _is_linear(p))) else (STRENGTH,)
+    if len(strong) == 1 and strong[0].unit == 'kg' and parts == STRENGTHS:
+        parts = MASSES
     places = [Place(dict(shape), {p.name: part * _strength(p) for p in strong})
               for part in (parts if strong else (1.0,)) for shape in itertools.product(*shapes)]
-    if len(places) > MOST:
+    if len(places) > MOST and parts != MASSES:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
         places = [places[i] for i in pick]
@@ -126,7 +130,12 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
 def _is_linear(parameter: Parameter) -> bool:
     """Tell whether a parameter is a strength that can be scaled down to nothing."""
     return (parameter.magnitude and parameter.scale == 'linear'
-            and math.isfinite(parameter.neutral))
+            and math.isfinite(parameter.neutral) and not _is_level(parameter))
+
+
+def _is_level(parameter: Parameter) -> bool:
+    """Tell whether a strength is a voltage of the size of commands: far from linear."""
+    return parameter.unit == 'V' and (parameter.typical >= 10.0 or parameter.typical == 0.0)
 
 
 def _strength(parameter: Parameter) -> float:
@@ -142,6 +151,9 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
         return kept or [min(max(parameter.typical, low), high)]
 
     unit = parameter.unit
+    if math.isfinite(parameter.neutral) and parameter.magnitude and _is_level(parameter):
+        return inside([part * parameter.typical for part in (0.05, 0.1, 0.2, 0.4, 0.8, -0.15)]
+                      if parameter.typical else [0.0, -5.0])
     if unit == 'Hz':
         wanted = [*extent.frequencies[:2], 300.0, 1000.0, 3000.0, 8000.0]
         return inside(wanted)

@@ -66,7 +66,9 @@ class Tone:
             found, total, weight = [], 0.0, 0.0
             for i, where, fitted, waves in self.parts:
                 seen = waves[h][fitted]
-                square = seen.T @ seen + 1e-12 * np.eye(2)
+                square = seen.T @ seen
+                # Averaged over whole periods sine and cosine are one.
+                square += (1e-9 * float(np.trace(square)) + 1e-300) * np.eye(2)
                 pair = np.linalg.solve(square, seen.T @ residual[where][fitted])
                 size = float(np.hypot(*pair))
                 power = 0.5 * float(np.trace(square))

@@ -10,9 +10,11 @@ that is withheld.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from piezo_stack_sim.effects.registry import EFFECTS
 
 
 @dataclass(frozen=True)
@@ -20,11 +22,13 @@ class Thresholds:
     """What was learned on the development set; scores in nats."""
 
     detect: float = 12.0  # gain of the best effect over none that counts as a gap
+    sure: float = 40.0  # gain that counts as a gap even where hardly any power is left
     excess: float = 0.12  # mean square beyond that of the noise that counts as structure
     temperature: float = 2.5  # nats by which two effects must differ to be told apart
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 20.0  # gain of a second effect that counts
+    alone: float = 0.9  # part removed by one effect beyond which no relative is its second
     second_share: float = 0.65  # part of what the first leaves that the second must remove
     leftover: float = 0.2  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
@@ -77,7 +81,8 @@ class Verdict:
 
 
 def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure: float,
-           classes: list[list[str]], thresholds: Thresholds = DEFAULTS) -> Verdict:
+           classes: list[list[str]], thresholds: Thresholds = DEFAULTS,
+           kin: Collection[frozenset[str]] = ()) -> Verdict:
     """
     Say what the scores mean.
 
@@ -94,12 +99,14 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         Effects that these recordings cannot tell apart.
     thresholds : Thresholds
         What was learned on the development set.
+    kin : collection of frozenset of str
+        Pairs of effects that resemble each other.
 
     """
     t = thresholds
     best = singles[0]
     chance = probabilities(singles, t)
-    if pairs and _second_counts(best, pairs[0], t):
+    if pairs and _second_counts(best, pairs[0], t, kin):
         names = tuple(pairs[0].name.split('+'))
         if pairs[0].removed >= t.explained:
             first, second = sorted(names, key=lambda name: name != best.name)
@@ -107,7 +114,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                            f'{_percent(1.0 - best.removed)} of the removable gap, '
                            f'with {second} {_percent(1.0 - pairs[0].removed)}', 0.8)
     explained = max(best.removed, 1.0 - best.left)
-    if best.gain < t.detect + 2.0 * best.parameters or explained < t.explained:
+    clear = best.gain > t.sure and structure < t.excess  # small, but not chance
+    if not clear and (best.gain < t.detect + 2.0 * best.parameters or explained < t.explained):
         if structure < t.excess:
             return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
                            'parameters within their uncertainty is noise', 0.9)
@@ -132,11 +140,18 @@ def _percent(part: float) -> str:
     return f'{100.0 * min(max(part, 0.0), 1.0):.0f} %'
 
 
-def _second_counts(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+def _second_counts(best: Ranked, pair: Ranked, t: Thresholds,
+                   kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: it must remove most of what the first leaves."""
     extra = pair.parameters - best.parameters
-    return (pair.strict - best.strict > t.second + 2.0 * extra
-            and pair.left < 1.0 - t.second_share)
+    if pair.strict - best.strict < t.second + 2.0 * extra:
+        return False
+    names = pair.name.split('+')
+    related = frozenset(names) in kin or len({EFFECTS[name].block for name in names}) == 1
+    if related and best.name in names:
+        # What the form of the first misses, a relative fills in: it takes more to believe in two.
+        return best.removed < t.alone and pair.left < 0.5 * (1.0 - t.second_share)
+    return pair.left < 1.0 - t.second_share
 
 
 def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:

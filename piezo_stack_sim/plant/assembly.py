@@ -67,7 +67,7 @@ class Model:
     contact_stiffness: float = 0.0
     smooth_voltage: tuple[float, float] = (0.0, 0.0)
     smooth_force: tuple[float, float] = (0.0, 0.0)
-    previous_peak_voltage: float = 0.0
+    previous_voltages: tuple[float, ...] = ()
     branch_difference: float = 0.0
     fast_rates: list[float] = field(default_factory=list)
     slow_rates: list[float] = field(default_factory=list)

@@ -175,8 +175,8 @@ class Plant:
         self._memory = np.zeros(4)
         self._out_of_range = False
         self._zero = np.zeros(2)
-        if model.previous_peak_voltage:
-            self._polarise(model.previous_peak_voltage)
+        if any(model.previous_voltages):
+            self._polarise(model.previous_voltages)
         self._commands = np.full(self._command_lag + 1, self._idle_command())
         self._readings = np.zeros(self._reading_lag)
         self._bring_in_line(self._idle_command())
@@ -186,12 +186,12 @@ class Plant:
         seed = self.device.noise.seed
         self._random = np.random.Generator(np.random.PCG64(seed))
 
-    def _polarise(self, peak: float) -> None:
-        """Lead the relaxed device quasi-statically to a voltage and back to zero."""
+    def _polarise(self, voltages: tuple[float, ...]) -> None:
+        """Lead the relaxed device quasi-statically to voltages in turn and back to zero."""
         system = self._system
         per_charge, free, elastance = rest_of_unit_charge(system)
         q = 0.0
-        for voltage in (peak, 0.0):
+        for voltage in (*voltages, 0.0):
             q = ports.move_charge(q, free * voltage, free, system.real, self._flags, self._p,
                                   system.r, system.k, system.v_break, elastance)
         ports.stick(self._flags, self._p, system.r, q)
