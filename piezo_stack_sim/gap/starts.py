@@ -113,7 +113,7 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
     shapes = [[(p.name, value) for value in _choices(p, extent)]
               for p in effect.parameters if not _is_linear(p)]
     # A length in the shape is what a force is compared with: weak and strong look different.
-    parts = STRENGTHS if len(strong) == 1 and (
+    parts: tuple[float, ...] = STRENGTHS if len(strong) == 1 and (
         all(len(s) == 1 for s in shapes) or any(p.unit == 'm' for p in effect.parameters
                                                 if not _is_linear(p))) else (STRENGTH,)
     if len(strong) == 1 and strong[0].unit == 'kg' and parts == STRENGTHS:
