@@ -80,7 +80,7 @@ def test_the_effect_of_the_contributor_page_works(monkeypatch):
         pytest.skip('not a checkout')
     text = (DOCUMENTATION / 'adding.md').read_text(encoding='utf-8')
     module = types.ModuleType('sense_capacitor')
-    exec(re.search('```python\n(""".*?)```', text, re.S)[1], module.__dict__)
+    exec(re.search('```python\n(# Copyright.*?)```', text, re.S)[1], module.__dict__)
     effect = module.EFFECT
     monkeypatch.setitem(registry.EFFECTS, effect.id, effect)
     time = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(2.0, 301.0, 300)])
