@@ -215,9 +215,11 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             else:
                 dx = h * (state[SPEED] + 0.5 * h * acceleration)
                 dq = charge_step(p, z, state[Q], slow, x + dx, h, heat, rate_scale, state[RING])
-                # Not the source less the drop: at its limit the current does not reach it.
-                terminal = (mesh_voltage(p, z, state[Q], dq, slow, x + dx, h, heat,
-                                         rate_scale)[0] - output_drop(p, dq, h)[0])
+                terminal = state[RING] - output_drop(p, dq, h)[0]
+                if p.current_limit < np.inf:
+                    # At its limit the current does not reach what the source asks for.
+                    terminal += mesh_voltage(p, z, state[Q], dq, slow, x + dx, h, heat,
+                                             rate_scale)[0] - state[RING]
                 if p.friction_force > 0.0:
                     state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, state[SPEED])
                 if p.body_mass > 0.0:
