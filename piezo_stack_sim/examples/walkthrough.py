@@ -95,7 +95,7 @@ def powers(real: Path, simulated: Path, nominal: Device) -> dict[str, float]:
     -------
     dict of str to float
         Mean square of the difference on the rows that are withheld from fits, by channel
-        (V^2, C^2, m^2).
+        (V^2, C^2, m^2), without the mean of a recording, which the zero of a sensor hides.
 
     """
     from piezo_stack_sim.gap.evidence import prepare
@@ -110,7 +110,7 @@ def powers(real: Path, simulated: Path, nominal: Device) -> dict[str, float]:
     residual = np.concatenate([
         (evidence.tracks[i].measured[c] - evidence.tracks[i].average(said[i][c]))
         / evidence.tracks[i].sigma[c] for i, c in evidence.keys])
-    return channel_power(evidence, residual)
+    return channel_power(evidence, residual, centred=True)
 
 
 def table(before: dict, after: dict, shrinkage: dict) -> str:

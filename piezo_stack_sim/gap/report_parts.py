@@ -137,9 +137,9 @@ def _parameter(parameter, value, fit: Fit, effect: str, errors) -> dict:
 def shrinkage_part(evidence: Evidence, base, after, flexible, placebos) -> dict:
     """Return S of every channel on the withheld rows, with placebo and ceiling."""
     noise = noise_power(evidence)
-    old, new = channel_power(evidence, base), channel_power(evidence, after)
-    best = channel_power(evidence, flexible)
-    false = {channel: float(np.median([channel_power(evidence, placebo)[channel]
+    old, new, best = (channel_power(evidence, residual, centred=True)
+                      for residual in (base, after, flexible))
+    false = {channel: float(np.median([channel_power(evidence, placebo, centred=True)[channel]
                                        for placebo in placebos])) for channel in noise}
     result: dict = {'placebo': {}, 'ceiling': {}}
     for channel, level in noise.items():

@@ -100,18 +100,20 @@ class Judge:
         return self.score(residual) - self.score(reference), error
 
 
-def channel_power(evidence: Evidence, residual: np.ndarray, fitted: bool | None = False
-                  ) -> dict[str, float]:
+def channel_power(evidence: Evidence, residual: np.ndarray, fitted: bool | None = False,
+                  centred: bool = False) -> dict[str, float]:
     """
     Return the mean square residual of every channel in SI units squared.
 
     ``fitted`` False takes the withheld rows, True the fitted ones, None all.
+    ``centred`` leaves out the mean of each track, which the zero of a sensor hides.
     """
     totals: dict[str, list[float]] = {}
     for (i, channel), where in zip(evidence.keys, spans(evidence)):
         track = evidence.tracks[i]
         rows = slice(None) if fitted is None else track.fitted == fitted
-        square = (residual[where][rows] * track.sigma[channel]) ** 2
+        error = residual[where] * track.sigma[channel]
+        square = (error - error.mean() if centred else error)[rows] ** 2
         entry = totals.setdefault(channel, [0.0, 0.0])
         # Averaged rows stand for as many as they hold; their noise is that of the average.
         entry[0] += float(np.sum(square))
