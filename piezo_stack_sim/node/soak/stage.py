@@ -73,7 +73,7 @@ class DeviceProcess:
 
     @property
     def output(self) -> str:
-        """What it has printed."""
+        """Return what it has printed."""
         return self._log.read_text(encoding='utf-8', errors='replace')
 
     def memory(self) -> int:
