@@ -10,7 +10,7 @@ from piezo_stack_sim.challenge import labels, page
 from piezo_stack_sim.challenge.answer import answer, answer_set, code_version, read_answers
 from piezo_stack_sim.challenge.judge import BLOCK, judge, true_shrinkage
 from piezo_stack_sim.challenge.rates import calibration, wilson
-from piezo_stack_sim.challenge.score import missed, score
+from piezo_stack_sim.challenge.score import missed, read_floors, score
 from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
 import pytest
@@ -107,8 +107,18 @@ def test_a_score_below_its_floor_is_told_with_both_numbers(tmp_path):
     low = missed(score(answered(tmp_path / 'blind', blind)), floors)
     assert [line.split(': ')[-1] for line in low] == [
         '1 of 1, expected at most 0', '1 of 2, expected at least 2', '0 of 2, expected at least 2']
-    with pytest.raises(InputError, match='no question'):
-        missed(score(answered(tmp_path / 'again', oracle)), {'luck': 1})
+
+
+@pytest.mark.parametrize('text, word', [
+    ('{"luck": 1}', 'no question'), ('[1, 2]', 'JSON object'), ('{"detected": "many"}', '"many"'),
+    ('{"detected": true}', 'whole number'), ('{', 'JSON object'), (None, 'No such file')])
+def test_floors_that_are_none_are_refused_with_the_file_and_the_mend(tmp_path, text, word):
+    path = tmp_path / 'floors.json'
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=word) as refusal:
+        read_floors(path)
+    assert str(path) in str(refusal.value) and '\n' not in str(refusal.value)
 
 
 def test_baselines_are_scored_on_the_same_sets(tmp_path):

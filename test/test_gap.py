@@ -229,3 +229,13 @@ def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_c
     kin = {frozenset(('thermal_drift', 'sensor_drift'))}
     assert decide(singles, pairs, 0.99, 50.0, [], kin=kin).selected == ('thermal_drift',)
     assert decide(singles, pairs, 0.99, 50.0, []).word == 'MULTIPLE'
+
+
+def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):
+    from piezo_stack_sim.gap import diagnose_set
+    sure = device.replace(actuator=device.actuator.replace(relative_uncertainty=0.0))
+    stiffer = device.actuator.replace(transformer_ratio=1.01 * device.actuator.transformer_ratio)
+    answer = diagnose_set(a_set(device.replace(actuator=stiffer)), sure, traces=False).document
+    for entry in answer['calibration'].values():
+        assert entry['fitted'] == pytest.approx(entry['nominal'], rel=1e-9)
+    assert answer['verdict'] != 'NO_GAP'

@@ -4,6 +4,7 @@
 
 from collections import Counter
 import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,33 @@ ABLATIONS = ('no_cutting', 'no_calibration', 'no_correlation', 'no_withheld')
 LESS_IS_BETTER = ('false_alarm', 'false_unknown')
 
 
+def read_floors(path):
+    """
+    Return the recorded floors of a JSON file: a dict of question to int.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or names a question that there is not.
+
+    """
+    wanted = 'expected a JSON object of question to whole number, such as {"detected": 9}'
+    try:
+        floors = json.loads(Path(path).read_text(encoding='utf-8'))
+    except OSError as error:
+        raise InputError(f'{path}: {error.strerror}; {wanted}') from None
+    except ValueError as error:
+        raise InputError(f'{path}: {error}; {wanted}') from None
+    if not isinstance(floors, dict):
+        raise InputError(f'{path}: {wanted}')
+    for name, number in floors.items():
+        if name not in QUESTIONS:
+            raise InputError(f'{path}: no question {name!r}; there are {", ".join(QUESTIONS)}')
+        if type(number) is not int:
+            raise InputError(f'{path}: {name}: {json.dumps(number)}; {wanted}')
+    return floors
+
+
 def missed(result, floors):
     """
     Return a sentence for each recorded floor that a score does not reach.
@@ -54,16 +82,9 @@ def missed(result, floors):
         Question to how many hits there must be; for false alarms and the like,
         how many there may be.
 
-    Raises
-    ------
-    InputError
-        For a question that there is not.
-
     """
     out = []
     for name, wanted in floors.items():
-        if name not in QUESTIONS:
-            raise InputError(f'floors: no question {name!r}; there are {", ".join(QUESTIONS)}')
         hits, of = result['rates'][name]['hits'], result['rates'][name]['of']
         less = name in LESS_IS_BETTER
         if hits > wanted if less else hits < wanted:

@@ -88,12 +88,7 @@ def score_command(folder, labels, out, floors):
                        f'{rate["hits"]:>4}/{rate["of"]:<4}  {text}')
     click.echo(out / 'score.md')
     if floors:
-        try:
-            wanted = json.loads(Path(floors).read_text(encoding='utf-8'))
-        except (OSError, ValueError) as error:
-            raise InputError(f'{floors}: {error}; expected a JSON object of question to number'
-                             ) from None
-        missed = score.missed(result, wanted)
+        missed = score.missed(result, score.read_floors(floors))
         if missed:
             raise InputError(f'{floors}: ' + '; '.join(missed))
 

@@ -16,6 +16,8 @@ from piezo_stack_sim.plant import Device
 
 TABLE_1 = ('mass', 'stiffness', 'damping', 'linear_capacitance', 'transformer_ratio')
 
+SURE = 1e-6  # smallest standard deviation of a number
+
 
 class Nuisance:
     """
@@ -34,8 +36,8 @@ class Nuisance:
                       *(f'maxwell_break_voltage[{i}]' for i in range(n))]
         # The elements were fitted jointly to one curve: single deviations are smaller.
         self.bound = np.concatenate([np.full(5, uncertainty), np.full(2 * n, 0.5 * uncertainty)])
-        self.prior = np.concatenate([np.full(5, 0.5 * uncertainty),
-                                     np.full(2 * n, 0.25 * uncertainty)])
+        # A file that is sure of its numbers leaves nothing to re-tune.
+        self.prior = np.maximum(0.5 * self.bound, SURE)
         self.n = n
 
     def apply(self, device: Device, phi: np.ndarray) -> Device:
