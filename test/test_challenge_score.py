@@ -3,7 +3,6 @@
 """The score: truth scores full, luck does not, tampering is noticed, rates are honest."""
 
 import json
-import os
 
 import numpy as np
 from piezo_stack_sim.challenge import labels, page
@@ -11,7 +10,6 @@ from piezo_stack_sim.challenge.answer import answer, answer_set, code_version, r
 from piezo_stack_sim.challenge.judge import BLOCK, judge, true_shrinkage
 from piezo_stack_sim.challenge.rates import calibration, wilson
 from piezo_stack_sim.challenge.score import missed, read_floors, score
-from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
 import pytest
 
@@ -180,22 +178,6 @@ def test_a_dask_cluster_gives_the_same_answers(tmp_path):
     found = read_answers(out)
     assert {name: entry[0] for name, entry in found.items()} == before
     assert {run['code'] for _, run in found.values()} == {code_version()}
-
-
-def dies(folder, name):
-    """End the worker process at the first call for a name, leave a file at the second."""
-    mark = folder / name
-    if name == 'bad' and not mark.exists():
-        mark.write_text('tried')
-        os._exit(1)
-    mark.write_text('done')
-
-
-def test_a_worker_that_dies_costs_no_finished_work(tmp_path):
-    """The pool is made again for what is left."""
-    tasks = [(tmp_path, name) for name in ('a', 'bad', 'b', 'c')]
-    assert len(list(spread(dies, tasks, jobs=2))) == len(tasks)
-    assert all((tmp_path / name).read_text() == 'done' for _, name in tasks)
 
 
 def test_the_code_version_is_that_of_the_code():

@@ -10,8 +10,8 @@ import time
 import traceback
 
 from piezo_stack_sim.atomic import atomic_path, write_text
-from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.spread import spread
 
 #: Folders whose code has no say in an answer.
 NO_SAY = ('challenge', 'commands', 'examples', 'node')
@@ -81,7 +81,9 @@ def answer(public, diagnose, jobs=None, scheduler=None, again=False, progress=No
     if progress:
         progress(finished)
     tasks = [(public.resolve(), name, diagnose, version) for name in waiting]
-    for _ in spread(answer_set, tasks, jobs, scheduler):
+    for _, result in spread(answer_set, tasks, jobs, scheduler):
+        if isinstance(result, Exception):
+            raise result
         finished += 1
         if progress:
             progress(finished)

@@ -13,8 +13,8 @@ import numpy as np
 from piezo_stack_sim.atomic import atomic_path, write_text
 from piezo_stack_sim.challenge import case, labels, programmes
 from piezo_stack_sim.challenge.hidden import Context
-from piezo_stack_sim.challenge.spread import spread
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.spread import spread
 
 DECIMALS = {'voltage': '%.7g', 'charge': '%.8g', 'displacement': '%.8g'}
 #: Every so many rows of the noise-free truth are kept for the true shrinkage.
@@ -87,7 +87,9 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None):
     if progress:
         progress(finished)
     tasks = [(out.resolve(), i, seed, *schedule[i]) for i in waiting]
-    for _ in spread(make_set, tasks, jobs, scheduler):
+    for _, result in spread(make_set, tasks, jobs, scheduler):
+        if isinstance(result, Exception):
+            raise result
         finished += 1
         if progress:
             progress(finished)

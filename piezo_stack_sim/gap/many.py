@@ -5,13 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import as_completed, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-import multiprocessing
 from pathlib import Path
 
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.spread import spread
 
 
 @dataclass(frozen=True)
@@ -57,51 +55,5 @@ def diagnose_many(jobs: list[Job], workers: int = 1, scheduler: str | None = Non
             yield job, 'done before'
         else:
             todo.append(job)
-    if scheduler:
-        yield from _over_dask(todo, scheduler)
-    elif workers == 1:
-        for job in todo:
-            yield job, run_job(job)
-    else:
-        yield from _over_processes(todo, workers)
-
-
-def _over_processes(todo: list[Job], workers: int) -> Iterator[tuple[Job, str]]:
-    left = list(todo)
-    # A worker that dies breaks its pool: what it had finished is on disk, the rest goes on once.
-    for attempt in range(2):
-        context = multiprocessing.get_context('spawn')
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            futures = {pool.submit(run_job, job): job for job in left}
-            for future in as_completed(futures):
-                job = futures[future]
-                try:
-                    line = future.result()
-                except BrokenProcessPool:
-                    if attempt:
-                        yield job, 'failed: its worker died twice'
-                    continue
-                left.remove(job)
-                yield job, line
-        if not left:
-            return
-
-
-def _over_dask(todo: list[Job], address: str) -> Iterator[tuple[Job, str]]:
-    try:
-        from distributed import as_completed as completed, Client
-    except ImportError:
-        raise InputError('--scheduler needs Dask: pip install "piezo_stack_sim[dask]"') from None
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f'--scheduler {address}: no Dask scheduler answers there ({error}); '
-                         'start one with `dask scheduler`') from None
-    with client:
-        futures = {client.submit(run_job, job, pure=False, retries=2): job for job in todo}
-        for future in completed(list(futures)):
-            try:
-                line = future.result()
-            except Exception as error:  # whatever killed the worker, the other answers stand
-                line = f'failed: {error}'
-            yield futures[future], line
+    for i, line in spread(run_job, [(job,) for job in todo], workers, scheduler):
+        yield todo[i], f'failed: {line}' if isinstance(line, Exception) else line
