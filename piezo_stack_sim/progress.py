@@ -5,6 +5,34 @@
 import sys
 
 
+class Bars:
+    """
+    A bar for each piece of work that reports how far it is; a context and a callable.
+
+    Called with the name of a piece, how much of it is done and how much there is.
+    """
+
+    def __enter__(self):
+        self._bar, self._tasks = None, {}
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import Progress
+            self._bar = Progress(console=Console(stderr=True), transient=True)
+            self._bar.start()
+        return self
+
+    def __call__(self, name, done, total=1.0):
+        """Show that so much of a piece is done."""
+        if self._bar:
+            if name not in self._tasks:
+                self._tasks[name] = self._bar.add_task(name, total=total)
+            self._bar.update(self._tasks[name], completed=done)
+
+    def __exit__(self, *_):
+        if self._bar:
+            self._bar.stop()
+
+
 def track(items, description, total=None):
     """
     Yield the items one by one and show how far it is, on stderr, if that is a terminal.

@@ -172,10 +172,10 @@ def test_a_device_is_left_at_the_safe_voltage(device, tmp_path):
 
 
 def test_a_lost_answer_is_asked_for_again(device, tmp_path, monkeypatch):
-    from piezo_stack_sim.node import excite_link
+    from piezo_stack_sim.node import asking
     from rclpy.client import Client as ServiceClient
     from rclpy.task import Future
-    monkeypatch.setattr(excite_link, '_RETRY', 0.3)
+    monkeypatch.setattr(asking, 'RETRY', 0.3)
     asked, real = [], ServiceClient.call_async
 
     def lose_the_first(client, request):

@@ -132,6 +132,7 @@ def command(profile, out, node, namespace, drive, charge_per_volt, voltage_limit
     from piezo_stack_sim.errors import InputError
     from piezo_stack_sim.node.excite import excite, Session
     from piezo_stack_sim.node.excite_limits import Limits
+    from piezo_stack_sim.progress import Bars
 
     if (drive == 'charge') != (charge_per_volt is not None) and profile in (*PROFILES, 'all'):
         raise InputError('--drive charge and --charge-per-volt F: expected both or none')
@@ -146,7 +147,7 @@ def command(profile, out, node, namespace, drive, charge_per_volt, voltage_limit
         node = f'/{namespace.strip("/")}/{node.strip("/")}'
     session = Session(node, drive, charge_per_volt or 1.0, limits, clip, reset, rest, rate,
                       patience)
-    with _Bar() as bar:
+    with Bars() as bar:
         outcome = excite(make, names, out, session, bar)
     for remark in outcome.remarks:
         click.echo(f'clipped: {remark}', err=True)
@@ -244,27 +245,3 @@ def _maker(chosen, quick, given, drive):
         return made
 
     return make
-
-
-class _Bar:
-    """A bar with the present programme on a terminal, nothing in a pipe."""
-
-    def __enter__(self):
-        self._bar, self._tasks = None, {}
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress
-            self._bar = Progress(console=Console(stderr=True), transient=True)
-            self._bar.start()
-        return self
-
-    def __call__(self, name, done, total):
-        """Show that so many rows of a programme are done."""
-        if self._bar:
-            if name not in self._tasks:
-                self._tasks[name] = self._bar.add_task(f'Playing {name}', total=total)
-            self._bar.update(self._tasks[name], completed=done)
-
-    def __exit__(self, *_):
-        if self._bar:
-            self._bar.stop()

@@ -35,12 +35,13 @@ def command(device_time, wall_time, scale, only, as_list, as_json, out, markdown
         if not 0.0 < value < float('inf'):
             raise InputError(f'--{name} {value:g}: expected a positive number')
     from piezo_stack_sim.node.soak.run import choose, FAULTS, run
+    from piezo_stack_sim.progress import Bars
 
     if as_list:
         for fault in FAULTS:
             click.echo(f'{fault.name:13} {fault.stepping:9} {fault.done}')
         return
-    with _Bar() as bar:
+    with Bars() as bar:
         outcomes = list(run(choose(only), device_time, wall_time, scale, bar))
     text = json.dumps([_plain(outcome) for outcome in outcomes], indent=2)
     if out:
@@ -86,27 +87,3 @@ def _print_markdown(outcomes):
             click.echo(f'| {done} | {stepping} | {check.must} | {check.measured} | '
                        f'{"held" if check.held else "**broke**"} |')
             done = stepping = ''
-
-
-class _Bar:
-    """A bar with the present fault on a terminal, nothing in a pipe."""
-
-    def __enter__(self):
-        self._bar, self._tasks = None, {}
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress
-            self._bar = Progress(console=Console(stderr=True), transient=True)
-            self._bar.start()
-        return self
-
-    def __call__(self, name, share):
-        """Show how much of a fault is done."""
-        if self._bar:
-            if name not in self._tasks:
-                self._tasks[name] = self._bar.add_task(name, total=1.0)
-            self._bar.update(self._tasks[name], completed=share)
-
-    def __exit__(self, *_):
-        if self._bar:
-            self._bar.stop()

@@ -12,8 +12,9 @@ import sys
 
 import numpy as np
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.examples.stack_client import in_ros, StackClient, started_device
+from piezo_stack_sim.examples.stack_client import in_ros, StackClient
 from piezo_stack_sim.examples.tracking import reference, Run, SWING, table, WAVES
+from piezo_stack_sim.node.process import device_process
 from piezo_stack_sim.plant.parameters import Device, load_device
 from piezo_stack_sim.resources import config_file
 
@@ -129,7 +130,9 @@ def perform(name: str, description: str, drive: str,
 
     """
     def task():
-        with started_device(options.params) if options.start else nullcontext() as process:
+        start = (device_process('--params-file', options.params, '-p', 'stepping:=lockstep')
+                 if options.start else nullcontext())
+        with start as process:
             client = StackClient(options.device, drive, process)
             try:
                 runs = [track(client, label, controller, options.waves)

@@ -5,13 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import contextmanager
 import subprocess
-import sys
 import time
 from typing import Any, cast
 
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.node.asking import ask
 from rcl_interfaces.msg import ParameterType
 import rclpy
 from rclpy.node import Node
@@ -23,7 +22,6 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 PATIENCE = 20.0  # s without an answer until the device counts as absent
-RETRY = 2.0  # s until a question is asked again
 FIRST_START = 180.0  # s that a device may take to start where it has to be compiled first
 _VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
            ParameterType.PARAMETER_STRING: 'string_value'}
@@ -88,19 +86,8 @@ class StackClient:
             self._executor.spin_once(0.05)
 
     def _ask(self, request: Callable[[], Future], what: str):
-        """Ask until there is an answer: one to a client just met may get lost on its way."""
-        futures: list[Future] = []
-        again = 0.0
-
-        def answered() -> bool:
-            nonlocal again
-            if time.monotonic() > again:
-                futures.append(request())
-                again = time.monotonic() + RETRY
-            return any(future.done() for future in futures)
-
-        self._wait(answered, f'{self._device} does not answer: {what}')
-        return next(future.result() for future in futures if future.done())
+        return ask(request, lambda done: self._wait(
+            done, f'{self._device} does not answer: {what}'))
 
     def _parameter(self, name: str):
         value = self._ask(lambda: self._parameters.get_parameters([name]), name).values[0]
@@ -210,23 +197,6 @@ class StackClient:
         """Leave the ROS graph."""
         self._executor.shutdown()
         self._node.destroy_node()
-
-
-@contextmanager
-def started_device(params: str):
-    """Run a `piezo_stack_node` in lockstep for as long as the context lasts."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'piezo_stack_sim.node.main', '--ros-args', '--params-file', params,
-         '-p', 'stepping:=lockstep', '--log-level', 'warn'])
-    try:
-        yield process
-    finally:
-        process.terminate()
-        try:
-            process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
 
 
 def in_ros(arguments: list[str] | None, task: Callable[[], None]) -> None:

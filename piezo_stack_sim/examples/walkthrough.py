@@ -12,10 +12,8 @@ simulation is started again from what the diagnosis wrote, and the gap is gone.
 from __future__ import annotations
 
 import argparse
-from contextlib import contextmanager
 import os
 from pathlib import Path
-import subprocess
 import sys
 import time
 
@@ -55,22 +53,11 @@ def secret_device(seed: int) -> Device:
                            rate=RATE, stepping='lockstep')
 
 
-@contextmanager
 def node(namespace: str, params: Path):
     """Run a `piezo_stack_node` called stack in a namespace for as long as the context lasts."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'piezo_stack_sim.node.main', '--ros-args', '-r',
-         f'__ns:=/{namespace}', '-r', '__node:=stack', '-r', f'/clock:=/{namespace}/clock',
-         '--params-file', str(params), '--log-level', 'warn'])
-    try:
-        yield process
-    finally:
-        process.terminate()
-        try:
-            process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+    from piezo_stack_sim.node.process import device_process
+    return device_process('-r', f'__ns:=/{namespace}', '-r', '__node:=stack',
+                          '-r', f'/clock:=/{namespace}/clock', '--params-file', str(params))
 
 
 def play(namespace: str, profile: str, out: Path, *options: str) -> None:

@@ -11,6 +11,7 @@ import time
 from typing import Any, NamedTuple
 
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.node.asking import ask
 from piezo_stack_sim.node.loop import make_executor
 from rcl_interfaces.msg import ParameterType
 from rclpy.node import Node
@@ -26,7 +27,6 @@ _VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
            ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value'}
 SCALARS = ('voltage', 'charge', 'displacement')
 _QOS = QoSProfile(depth=1000)  # nothing may be lost, whatever arrives at once
-_RETRY = 3.0  # s without an answer until a service is asked again
 _PARAMETER_PATIENCE = 5.0  # s; a device without parameters is a real one
 
 
@@ -188,26 +188,9 @@ class Link:
                 raise InputError(complaint() if callable(complaint) else complaint)
             self.spin(0.02)
 
-    def _ask(self, ask: Callable[[], Any], what: str) -> Any:
-        """
-        Ask a service until it answers; nothing is asked that may not be asked twice.
-
-        An answer is lost when the device has not yet found the client's end that takes it.
-
-        """
-        end = time.monotonic() + self.patience
-        while True:
-            future = ask()
-            again = min(time.monotonic() + _RETRY, end)
-            while not future.done():
-                if time.monotonic() > again:
-                    break
-                self.spin(0.02)
-            if future.done():
-                return future.result()
-            future.cancel()
-            if time.monotonic() > end:
-                raise InputError(f'{self.device} does not answer: {what}')
+    def _ask(self, request: Callable[[], Any], what: str) -> Any:
+        return ask(request, lambda done: self.wait(
+            done, f'{self.device} does not answer: {what}'))
 
     def settle(self, pause: float = 0.05) -> None:
         """Take what arrives until there is a pause (s)."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.node.asking import ask
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -24,7 +25,6 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 PATIENCE = 60.0  # s without an answer until the device counts as dead
-RETRY = 3.0  # s until a question is asked again: an answer to a new client may get lost
 COMMANDS = ('voltage_command', 'charge_command', 'external_force')
 _DOUBLE = struct.Struct('<d')
 _BODY = 4  # bytes before the number of a serialised Float64
@@ -206,18 +206,7 @@ class Probe:
         return self._answer(lambda: self.ask_parameters(values), 'parameters').results
 
     def _answer(self, request: Callable, what: str):
-        futures: list = []
-        again = 0.0
-
-        def answered() -> bool:
-            nonlocal again
-            if time.monotonic() > again:
-                futures.append(request())
-                again = time.monotonic() + RETRY
-            return any(future.done() for future in futures)
-
-        self.wait(answered, f'an answer: {what}')
-        return next(future.result() for future in futures if future.done())
+        return ask(request, lambda done: self.wait(done, f'an answer: {what}'))
 
     # -- judging -------------------------------------------------------------------
 
