@@ -3,9 +3,8 @@
 """
 A hypothesis fitted by simulation error: effects on top of the re-tuned nominal device.
 
-Bounded Gauss-Newton with a trust region: the derivative with respect to the
-effect is taken by simulation at every step, that with respect to the nominal
-parameters once, for it hardly changes within their uncertainty.
+What is free of an effect is walked in a scale of its own; the nominal
+parameters move along with it, within their uncertainty.
 """
 
 from __future__ import annotations
@@ -17,18 +16,16 @@ import numpy as np
 from piezo_stack_sim.effects.base import Parameter
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.gap.descent import descend, Landscape, NUDGE, Slope, sum_of_squares
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import fitted_rows, residuals
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.tone import find_frequency, Line, Tone
 from piezo_stack_sim.plant import Device
-from scipy.optimize import lsq_linear
 
 STEPS = 6
 TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
-NUDGE = 2e-3  # relative change of a nominal parameter from which its derivative is taken
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
-ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
 
 
 @dataclass(frozen=True)
@@ -92,11 +89,6 @@ class Fit:
     view: tuple | None = None
     line: Line | None = None
 
-    @property
-    def device_effects(self) -> dict[str, dict[str, float]]:
-        """Effects as a parameter file takes them."""
-        return {name: dict(values) for name, values in self.effects.items()}
-
 
 class Fitter:
     """Fits hypotheses about one set of recordings to one nominal device."""
@@ -132,9 +124,7 @@ class Fitter:
             phi[i] = NUDGE
             return (residuals(self.device_with({}, phi), self.evidence) - self.base) / NUDGE
 
-        self.jacobian = np.column_stack(parallel(column, range(zero.size)))
-        self.seen_jacobian = self.jacobian[self.rows]
-        self.nominal_square = self.seen_jacobian.T @ self.seen_jacobian
+        self.nominal = Slope.of(np.column_stack(parallel(column, range(zero.size))), self.rows)
 
     def residual_of(self, effects: dict, phi: np.ndarray) -> np.ndarray:
         """Return the weighted residual (N,) of the re-tuned device with effects on."""
@@ -170,23 +160,41 @@ class Fitter:
             Multiples of the directions that bring it.
 
         """
-        other, inverse, left = self._view(fit)
-        seen = directions[self.rows].astype(float)
-        clear = seen - other @ (inverse @ (other.T @ seen))
+        clear = self.cleared(directions, fit)
         square = clear.T @ clear
         length = np.diag(square)
         if not np.any(length > 1e-9):
             return 0.0, np.zeros(length.size)
         scale = 1.0 / np.sqrt(np.maximum(length, 1e-9))
         alike = square * np.outer(scale, scale) + 1e-6 * np.eye(length.size)
-        along = scale * (clear.T @ left)
+        along = scale * (clear.T @ self._view(fit)[2])
         factors = np.linalg.solve(alike, along)
         return float(along @ factors), -scale * factors
+
+    def cleared(self, directions: np.ndarray, fit: Fit) -> np.ndarray:
+        """
+        Return directions of the residual without what a fit was free to imitate.
+
+        Parameters
+        ----------
+        directions : ndarray, shape (N, k)
+            Changes of the residual.
+        fit : Fit
+            Whose parameters are free.
+
+        Returns
+        -------
+        ndarray, shape (rows of the fit, k)
+
+        """
+        other, inverse, _ = self._view(fit)
+        seen = directions[self.rows].astype(float)
+        return seen - other @ (inverse @ (other.T @ seen))
 
     def _view(self, fit: Fit):
         """Return what a linear look at a fit needs: free directions and what they leave."""
         if fit.view is None:
-            other = (fit.jacobian if fit.jacobian is not None else self.jacobian)[self.rows]
+            other = (fit.jacobian if fit.jacobian is not None else self.nominal.whole)[self.rows]
             n = other.shape[1] - self.nuisance.prior.size
             # What has come to its bound can take no more of a gap.
             stuck = np.abs(fit.phi) > AT_BOUND * self.nuisance.bound
@@ -200,12 +208,10 @@ class Fitter:
 
     def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
         """Return the sum of squares over the fitted rows plus that of the prior."""
-        seen = residual[self.rows]
-        return float(seen @ seen + np.sum((phi / self.nuisance.prior) ** 2))
+        return sum_of_squares(residual[self.rows], phi / self.nuisance.prior)
 
     def fit(self, effects: dict[str, dict[str, float]], phi: np.ndarray | None = None,
-            steps: int = STEPS, fixed: tuple[str, ...] = (), anew: bool = False,
-            held: bool = False) -> Fit:
+            steps: int = STEPS, anew: bool = False, held: bool = False) -> Fit:
         """
         Fit effects, starting from the values given, and the nominal parameters.
 
@@ -217,8 +223,6 @@ class Fitter:
             Deviations of the nominal parameters to start from.
         steps : int
             The most Gauss-Newton steps.
-        fixed : tuple of str
-            Effects whose values stay.
         anew : bool
             Whether to take the derivative with respect to the nominal parameters
             again where the fit starts, with the effects on.
@@ -233,90 +237,26 @@ class Fitter:
         phi = np.zeros(len(self.nuisance.names)) if phi is None else phi.copy()
         tone = None
         if TONE in effects:
-            frequency = effects[TONE].get('frequency', 0.0)
-            tone = Tone(self.evidence, frequency)
-            fixed = (*fixed, TONE)
-        free = [f for name, values in effects.items() if name not in fixed
+            tone = Tone(self.evidence, effects[TONE].get('frequency', 0.0))
+        free = [f for name, values in effects.items() if name != TONE
                 for f in free_parameters(name, values)]
         effects = {name: EFFECTS[name].values(values) for name, values in effects.items()}
         lower = np.array([f.limits[0] for f in free])
         upper = np.array([f.limits[1] for f in free])
         walk = np.array([f.to_walk(effects[f.effect][f.parameter.name]) for f in free])
-        walk = np.clip(walk, lower, upper)
-        residual = self._residual(effects, free, walk, phi, tone)
-        cost = self.cost(residual, phi)
-        used, damping = 1, 1e-3
-        n = len(free)
-        jacobian = np.empty((residual.size, n))
-        nominal, nominal_seen, nominal_square = (
-            self.jacobian, self.seen_jacobian, self.nominal_square)
-        if anew:
-            nominal = np.column_stack([
-                (self._residual(effects, free, walk, phi + step, tone) - residual) / NUDGE
-                for step in NUDGE * np.eye(phi.size)])
-            nominal_seen = nominal[self.rows]
-            nominal_square = nominal_seen.T @ nominal_seen
-            used += phi.size
-        precision = np.concatenate([np.zeros(n), self.nuisance.prior ** -2.0])
         room = np.zeros(phi.size) if held else self.nuisance.bound
-        stale, fresh = True, False
-        for _ in range(steps):
-            if stale:
-                for j in range(n):
-                    step = 0.02 if upper[j] - walk[j] > 0.02 else -0.02
-                    moved = walk.copy()
-                    moved[j] += step
-                    jacobian[:, j] = (self._residual(effects, free, moved, phi, tone)
-                                      - residual) / step
-                used += n
-                stale, fresh = False, True
-            seen = jacobian[self.rows]
-            cross = seen.T @ nominal_seen
-            now = residual[self.rows]
-            square = np.block([[seen.T @ seen, cross], [cross.T, nominal_square]])
-            slope = np.concatenate([
-                seen.T @ now, nominal_seen.T @ now])
-            slope += precision * np.concatenate([walk, phi])
-            fallen = False
-            for _ in range(3):
-                change = _bounded_step(
-                    square, precision, slope, damping,
-                    np.concatenate([lower - walk, -room - phi]),
-                    np.concatenate([upper - walk, room - phi]))
-                new_walk, new_phi = walk + change[:n], phi + change[n:]
-                new_residual = self._residual(effects, free, new_walk, new_phi, tone)
-                used += 1
-                new_cost = self.cost(new_residual, new_phi)
-                if new_cost < cost:
-                    fallen = True
-                    break
-                damping = max(damping, 1e-3) * 30.0
-            if not fallen:
-                if fresh or not n:
-                    break
-                stale, damping = True, 1e-3
-                continue
-            if n and np.any(change[:n]):
-                # Broyden: what the step taught about the derivative costs no simulation.
-                missed = (new_residual - residual - jacobian @ change[:n]
-                          - nominal @ change[n:])
-                jacobian += np.outer(missed, change[:n] / (change[:n] @ change[:n]))
-            progress = (cost - new_cost) / max(cost, 1.0)
-            walk, phi, residual, cost = new_walk, new_phi, new_residual, new_cost
-            damping = max(damping / 30.0, 1e-6)
-            if progress < ENOUGH:
-                if fresh or not n:
-                    break
-                stale = True
-            fresh = False
-        values, line = self._values(effects, free, walk), None
+        landscape = Landscape(
+            lambda walk, phi: self._residual(effects, free, walk, phi, tone), self.rows,
+            lower, upper, room, self.nuisance.prior)
+        end = descend(landscape, np.clip(walk, lower, upper), phi,
+                      None if anew else self.nominal, steps)
+        values, line = self._values(effects, free, end.walk), None
         if tone is not None:
-            line, _ = tone.match(self._residual(effects, free, walk, phi))
+            line, _ = tone.match(self._residual(effects, free, end.walk, end.phi))
             values[TONE].update(displacement=float(line.amplitudes[0]),
                                 phase=next(iter(line.phases.values()), 0.0))
-        return Fit(values, phi, residual, cost, free, walk,
-                   np.column_stack([jacobian, nominal]) if n else nominal,
-                   simulations=used, line=line)
+        return Fit(values, end.phi, end.residual, end.cost, free, end.walk, end.jacobian,
+                   simulations=end.simulations, line=line)
 
     def _values(self, effects, free, walk) -> dict[str, dict[str, float]]:
         values = {name: dict(given) for name, given in effects.items()}
@@ -335,17 +275,3 @@ class Fitter:
         except InputError:
             # Numbers that no device can have: infinitely bad, but not the end of the search.
             return np.full(self.base.size, 1e6)
-
-
-def _bounded_step(square, precision, slope, damping, low, high) -> np.ndarray:
-    """Minimise the local quadratic within bounds (active sets of scipy)."""
-    scale = np.sqrt(np.maximum(np.diag(square) + precision, 1e-12))
-    matrix = (square + np.diag(precision)) / np.outer(scale, scale)
-    matrix[np.diag_indices_from(matrix)] += damping + 1e-9
-    root = np.linalg.cholesky(matrix)
-    target = -np.linalg.solve(root, slope / scale)
-    low, high = np.minimum(low * scale, -1e-12), np.maximum(high * scale, 1e-12)
-    step = np.linalg.solve(root.T, target)
-    if np.any(step < low) or np.any(step > high):
-        step = lsq_linear(root.T, target, bounds=(low, high), tol=1e-6, max_iter=50).x
-    return np.clip(step, low, high) / scale

@@ -31,16 +31,10 @@ def isolability(fitter: Fitter, search: Search
     Directions are those of a typical strength of each effect, cleared of what
     re-tuning the nominal parameters can imitate.
     """
-    other, inverse, _ = fitter._view(search.nominal)
     names, directions, unseen = [], [], []
     for name, probes in search.probes.items():
-        clear = []
-        for probe in probes:
-            if probe.direction is None:
-                continue
-            for direction in probe.direction.T:
-                seen = direction[fitter.rows].astype(float)
-                clear.append(seen - other @ (inverse @ (other.T @ seen)))
+        clear = [direction for probe in probes if probe.direction is not None
+                 for direction in fitter.cleared(probe.direction, search.nominal).T]
         longest = max(clear, key=np.linalg.norm, default=None)
         if longest is None or np.linalg.norm(longest) < SEEN:
             unseen.append(name)

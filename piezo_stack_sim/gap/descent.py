@@ -1,0 +1,197 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Bounded Gauss-Newton with a trust region, for residuals that cost a simulation each.
+
+The derivative with respect to an effect is taken by simulation where the fit
+sets out and again where it stalls, updated by Broyden's rule in between; that
+with respect to the nominal parameters is taken once, for it hardly changes
+within their uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+NUDGE = 2e-3  # relative change of a nominal parameter from which its derivative is taken
+PACE = 0.02  # change of the walk from which its derivative is taken
+ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
+TRIALS = 3  # step lengths that are tried before a derivative counts as stale
+
+
+class Slope(NamedTuple):
+    """A derivative: of all rows (N, p), of the rows of the fit, and the square of that (p, p)."""
+
+    whole: np.ndarray
+    seen: np.ndarray
+    square: np.ndarray
+
+    @classmethod
+    def of(cls, whole: np.ndarray, rows: np.ndarray) -> Slope:
+        """Return the slope with derivative ``whole`` (N, p), fitted on ``rows``."""
+        seen = whole[rows]
+        return cls(whole, seen, seen.T @ seen)
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """
+    What is to be minimised over a walk (n,) and the nominal deviations phi (p,).
+
+    Attributes
+    ----------
+    residual : callable
+        Takes walk and phi, returns the weighted residual (N,).
+    rows : ndarray of int
+        The rows of the residual that count.
+    lower, upper : ndarray, shape (n,)
+        Bounds of the walk.
+    room : ndarray, shape (p,)
+        Bounds of the size of phi.
+    prior : ndarray, shape (p,)
+        Standard deviations of phi around zero.
+
+    """
+
+    residual: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    rows: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    room: np.ndarray
+    prior: np.ndarray
+
+    def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
+        """Return the sum of squares over the rows that count plus that of the prior."""
+        return sum_of_squares(residual[self.rows], phi / self.prior)
+
+    def nominal_slope(self, walk, phi, residual) -> Slope:
+        """Return the derivative with respect to phi at a place."""
+        return Slope.of(np.column_stack([
+            (self.residual(walk, phi + step) - residual) / NUDGE
+            for step in NUDGE * np.eye(phi.size)]), self.rows)
+
+    def slope(self, walk, phi, residual) -> np.ndarray:
+        """Return the derivative (N, n) with respect to the walk at a place."""
+        columns = np.empty((residual.size, walk.size))
+        for j in range(walk.size):
+            step = PACE if self.upper[j] - walk[j] > PACE else -PACE
+            moved = walk.copy()
+            moved[j] += step
+            columns[:, j] = (self.residual(moved, phi) - residual) / step
+        return columns
+
+
+class Place(NamedTuple):
+    """Where a descent has come to, with the derivative (N, n + p) there."""
+
+    walk: np.ndarray
+    phi: np.ndarray
+    residual: np.ndarray
+    cost: float
+    jacobian: np.ndarray
+    simulations: int
+
+
+def sum_of_squares(*vectors: np.ndarray) -> float:
+    """Return the sum of squares of all entries."""
+    return float(sum(vector @ vector for vector in vectors))
+
+
+def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Slope | None,
+            steps: int) -> Place:
+    """
+    Walk downhill.
+
+    Parameters
+    ----------
+    landscape : Landscape
+        What is to be minimised.
+    walk, phi : ndarray
+        Where to start.
+    nominal : Slope or None
+        Derivative with respect to phi; None takes it where the descent starts.
+    steps : int
+        The most Gauss-Newton steps.
+
+    Returns
+    -------
+    Place
+
+    """
+    residual = landscape.residual(walk, phi)
+    cost = landscape.cost(residual, phi)
+    used, damping, n = 1, 1e-3, walk.size
+    if nominal is None:
+        nominal = landscape.nominal_slope(walk, phi, residual)
+        used += phi.size
+    precision = np.concatenate([np.zeros(n), landscape.prior ** -2.0])
+    effect = np.empty((residual.size, n))
+    stale, fresh = True, False
+    for _ in range(steps):
+        if stale:
+            effect = landscape.slope(walk, phi, residual)
+            used += n
+            stale, fresh = False, True
+        square, slope = _quadratic(landscape, effect, nominal, residual)
+        slope += precision * np.concatenate([walk, phi])
+        fallen = False
+        for _ in range(TRIALS):
+            change = _bounded_step(
+                square, precision, slope, damping,
+                np.concatenate([landscape.lower - walk, -landscape.room - phi]),
+                np.concatenate([landscape.upper - walk, landscape.room - phi]))
+            new_walk, new_phi = walk + change[:n], phi + change[n:]
+            new_residual = landscape.residual(new_walk, new_phi)
+            used += 1
+            new_cost = landscape.cost(new_residual, new_phi)
+            fallen = new_cost < cost
+            if fallen:
+                break
+            damping = max(damping, 1e-3) * 30.0
+        if not fallen:
+            if fresh or not n:
+                break
+            stale, damping = True, 1e-3
+            continue
+        if n and np.any(change[:n]):
+            # Broyden: what the step taught about the derivative costs no simulation.
+            missed = new_residual - residual - effect @ change[:n] - nominal.whole @ change[n:]
+            effect += np.outer(missed, change[:n] / (change[:n] @ change[:n]))
+        progress = (cost - new_cost) / max(cost, 1.0)
+        walk, phi, residual, cost = new_walk, new_phi, new_residual, new_cost
+        damping = max(damping / 30.0, 1e-6)
+        if progress < ENOUGH:
+            if fresh or not n:
+                break
+            stale = True
+        fresh = False
+    jacobian = np.column_stack([effect, nominal.whole]) if n else nominal.whole
+    return Place(walk, phi, residual, cost, jacobian, used)
+
+
+def _quadratic(landscape: Landscape, effect: np.ndarray, nominal: Slope, residual: np.ndarray
+               ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the square of the derivative and its product with the residual."""
+    seen, now = effect[landscape.rows], residual[landscape.rows]
+    cross = seen.T @ nominal.seen
+    square = np.block([[seen.T @ seen, cross], [cross.T, nominal.square]])
+    return square, np.concatenate([seen.T @ now, nominal.seen.T @ now])
+
+
+def _bounded_step(square, precision, slope, damping, low, high) -> np.ndarray:
+    """Minimise the local quadratic within bounds (active sets of scipy)."""
+    scale = np.sqrt(np.maximum(np.diag(square) + precision, 1e-12))
+    matrix = (square + np.diag(precision)) / np.outer(scale, scale)
+    matrix[np.diag_indices_from(matrix)] += damping + 1e-9
+    root = np.linalg.cholesky(matrix)
+    target = -np.linalg.solve(root, slope / scale)
+    low, high = np.minimum(low * scale, -1e-12), np.maximum(high * scale, 1e-12)
+    step = np.linalg.solve(root.T, target)
+    if np.any(step < low) or np.any(step > high):
+        step = lsq_linear(root.T, target, bounds=(low, high), tol=1e-6, max_iter=50).x
+    return np.clip(step, low, high) / scale
