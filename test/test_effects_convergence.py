@@ -4,7 +4,7 @@
 
 from effect_probes import ALL, IDEAL, mixed
 import numpy as np
-from piezo_stack_sim.plant import simulate, stack
+from piezo_stack_sim.plant import simulate, tables
 import pytest
 
 NANOMETRE = 1e-9
@@ -40,7 +40,7 @@ everything = [pytest.mark.parametrize('case', CASES), pytest.mark.parametrize('p
 def test_half_the_tick_changes_less_than_a_nanometre(case, probe, monkeypatch):
     time, voltage, force = PROBES[probe]()
     coarse = simulate(target(case), time, voltage, force).displacement
-    monkeypatch.setattr(stack, 'TICK', stack.TICK / 2.0)
+    monkeypatch.setattr(tables, 'TICK', tables.TICK / 2.0)
     fine = simulate(target(case), time, voltage, force).displacement
     assert np.abs(fine - coarse).max() < NANOMETRE
 

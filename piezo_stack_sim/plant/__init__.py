@@ -9,7 +9,7 @@ _HOME = {
     'Actuator': 'parameters', 'Device': 'parameters', 'Load': 'parameters',
     'Noise': 'parameters', 'device_from_mapping': 'parameters', 'load_device': 'parameters',
     'parameter_specs': 'parameters', 'save_device': 'parameters',
-    'Plant': 'stack', 'PlantState': 'stack', 'Response': 'stack', 'Sample': 'stack',
+    'Plant': 'stack', 'PlantState': 'samples', 'Response': 'samples', 'Sample': 'samples',
     'simulate': 'offline', 'simulate_many': 'offline',
 }
 

@@ -20,7 +20,11 @@ import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import layout
 from piezo_stack_sim.plant.parameters import Device
-from piezo_stack_sim.plant.stack import MAX_CLASSES, Plant, PlantState, Response, Tables, TICK
+from piezo_stack_sim.plant.samples import PlantState, Response
+from piezo_stack_sim.plant.stack import Plant
+from piezo_stack_sim.plant.tables import Tables, TICK
+
+MAX_CLASSES = 8  # different row lengths treated exactly; more are laid on the tick grid
 
 
 def simulate(device: Device, time, command, external_force=None, drive: str | None = None,

@@ -10,98 +10,19 @@ same numbers to the bit, however they are cut into calls.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 import math
 
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.plant import ideal, kernel, layout, ports
+from piezo_stack_sim.plant import layout, ports
 from piezo_stack_sim.plant.assembly import assemble, System
 from piezo_stack_sim.plant.build import build_model
 from piezo_stack_sim.plant.parameters import Device
 from piezo_stack_sim.plant.rest import rest, rest_of_unit_charge
+from piezo_stack_sim.plant.samples import PlantState, Response, Sample
 from piezo_stack_sim.plant.sensors import disturb, disturbs
-
-TICK = 6.5e-8  # s; events are met on a grid at least this fine
-MAX_CLASSES = 8  # different row lengths treated exactly; more are laid on the tick grid
-
-
-@dataclass(frozen=True)
-class Response:
-    """
-    What a device does: arrays of shape (n,), SI units.
-
-    ``displacement`` (m) and ``charge`` (C) are the readings of the sensors,
-    ``voltage`` (V) is at the terminals, ``velocity`` (m/s) of the moving end,
-    ``force`` (N) the transduced force of Eq. 14.  Row k is sampled at
-    ``time[k]`` (s), just before command k takes effect.
-    """
-
-    time: np.ndarray
-    displacement: np.ndarray
-    velocity: np.ndarray
-    charge: np.ndarray
-    voltage: np.ndarray
-    force: np.ndarray
-    charge_out_of_range: bool = False
-    final_state: PlantState | None = None
-
-
-@dataclass(frozen=True)
-class Sample:
-    """One row of a :class:`Response`; floats, SI units."""
-
-    displacement: float
-    velocity: float
-    charge: float
-    voltage: float
-    force: float
-
-
-@dataclass(frozen=True)
-class PlantState:
-    """
-    Everything a device remembers; plain numbers, so that it can be saved.
-
-    ``states`` are the continuous states by name, ``blocks`` the positions q_bi
-    of Eq. 16 (C).
-    """
-
-    time: float
-    drive: str
-    states: dict[str, float]
-    blocks: list[float]
-    flags: list[int]
-    inputs: list[float]
-    memory: list[float]
-    commands: list[float]
-    readings: list[float]
-    zero: list[float]
-    out_of_range: bool
-    noise: dict | None = None
-
-    def to_dict(self) -> dict:
-        """Return the state as plain lists, numbers and names."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, data: dict) -> PlantState:
-        """
-        Read what :meth:`to_dict` wrote.
-
-        Raises
-        ------
-        InputError
-            If a key is missing or unknown.
-
-        """
-        try:
-            return cls(**data)
-        except TypeError as error:
-            raise InputError(f'saved plant state: {error}; expected the keys of '
-                             'PlantState.to_dict()') from None
+from piezo_stack_sim.plant.tables import Tables, TICK
 
 
 class Plant:
@@ -526,61 +447,6 @@ class Plant:
             displacement, charge, voltage = disturb(self.device.noise, displacement, charge,
                                                     voltage, draws)
         return displacement, out[:, 1], charge, voltage, out[:, 4]
-
-
-class Tables:
-    """Propagators of one system for a few segment lengths; the general ones made when met."""
-
-    def __init__(self, system: System, durations: Sequence[float]) -> None:
-        self.system = system
-        self.levels = np.array([max(0, math.ceil(math.log2(d / TICK))) for d in durations])
-        self.tick = np.array([d / 2.0 ** level for d, level in zip(durations, self.levels)])
-        self.ticks = (2 ** self.levels).astype(np.int64)
-        if system.is_ideal:
-            self._prepare_ideal()
-        else:
-            self._prepare_general(len(durations))
-
-    def _prepare_ideal(self) -> None:
-        system = self.system
-        real = system.real
-        voltage_driven = bool(system.ints[layout.I_DRIVE] == layout.VOLTAGE)
-        clamped = bool(system.ints[layout.I_CLAMPED])
-        ratio, cap = real[layout.R_T], real[layout.R_C]
-        constants = ideal.mode_constants(
-            system.k, ratio, cap, real[layout.R_MASS], real[layout.R_STIFFNESS],
-            real[layout.R_DAMPING], voltage_driven, clamped, self.tick, self.levels)
-        row = system.reading[0, :6].copy()
-        # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
-        quick = 1.3 / system.omega_max
-        short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
-                          for level, tick in zip(self.levels.tolist(), self.tick)])
-        self._run = ideal.run
-        self._arguments = (system.k, system.v_break, system.r, ratio, cap, voltage_driven,
-                           clamped, *constants, self.tick, self.levels, short, row)
-
-    def _prepare_general(self, n_classes: int) -> None:
-        system = self.system
-        n, modes = system.rates.shape[0], system.n_modes
-        width = n + layout.N_INPUTS
-        columns = n + int(system.ints[layout.I_INPUTS])
-        if system.ints[layout.I_SMOOTH]:
-            columns += layout.N_RAMPS
-        tables = np.zeros((modes * n_classes * (int(self.levels.max()) + 1),
-                           n + layout.N_AHEAD, columns))
-        self._run = kernel.run
-        self._arguments = (
-            system.k, system.v_break, system.r, system.real, system.ints, system.rates,
-            system.opposing, system.reading, self.tick, self.levels,
-            np.zeros((modes, n_classes), dtype=np.int64), np.zeros(modes, dtype=np.bool_), tables,
-            np.zeros((modes, layout.N_WATCHED, width)), np.zeros(modes), np.zeros(modes))
-
-    def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
-        """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
-        if self._run(seg_class, seg_ticks, u, force, rows, reads, *state, *self._arguments, out,
-                     read):
-            raise InputError('the device left the finite numbers; the command, the force or a '
-                             'parameter is beyond anything a stack can follow')
 
 
 def _split_delay(delay: float, period: float) -> tuple[int, float]:

@@ -1,0 +1,71 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Propagators of a device for segments of a few lengths, and the kernel that runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import ideal, kernel, layout
+from piezo_stack_sim.plant.assembly import System
+
+TICK = 6.5e-8  # s; events are met on a grid at least this fine
+
+
+class Tables:
+    """Propagators of one system for a few segment lengths; the general ones made when met."""
+
+    def __init__(self, system: System, durations: Sequence[float]) -> None:
+        self.system = system
+        self.levels = np.array([max(0, math.ceil(math.log2(d / TICK))) for d in durations])
+        self.tick = np.array([d / 2.0 ** level for d, level in zip(durations, self.levels)])
+        self.ticks = (2 ** self.levels).astype(np.int64)
+        if system.is_ideal:
+            self._prepare_ideal()
+        else:
+            self._prepare_general(len(durations))
+
+    def _prepare_ideal(self) -> None:
+        system = self.system
+        real = system.real
+        voltage_driven = bool(system.ints[layout.I_DRIVE] == layout.VOLTAGE)
+        clamped = bool(system.ints[layout.I_CLAMPED])
+        ratio, cap = real[layout.R_T], real[layout.R_C]
+        constants = ideal.mode_constants(
+            system.k, ratio, cap, real[layout.R_MASS], real[layout.R_STIFFNESS],
+            real[layout.R_DAMPING], voltage_driven, clamped, self.tick, self.levels)
+        row = system.reading[0, :6].copy()
+        # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
+        quick = 1.3 / system.omega_max
+        short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
+                          for level, tick in zip(self.levels.tolist(), self.tick)])
+        self._run = ideal.run
+        self._arguments = (system.k, system.v_break, system.r, ratio, cap, voltage_driven,
+                           clamped, *constants, self.tick, self.levels, short, row)
+
+    def _prepare_general(self, n_classes: int) -> None:
+        system = self.system
+        n, modes = system.rates.shape[0], system.n_modes
+        width = n + layout.N_INPUTS
+        columns = n + int(system.ints[layout.I_INPUTS])
+        if system.ints[layout.I_SMOOTH]:
+            columns += layout.N_RAMPS
+        tables = np.zeros((modes * n_classes * (int(self.levels.max()) + 1),
+                           n + layout.N_AHEAD, columns))
+        self._run = kernel.run
+        self._arguments = (
+            system.k, system.v_break, system.r, system.real, system.ints, system.rates,
+            system.opposing, system.reading, self.tick, self.levels,
+            np.zeros((modes, n_classes), dtype=np.int64), np.zeros(modes, dtype=np.bool_), tables,
+            np.zeros((modes, layout.N_WATCHED, width)), np.zeros(modes), np.zeros(modes))
+
+    def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
+        """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
+        if self._run(seg_class, seg_ticks, u, force, rows, reads, *state, *self._arguments, out,
+                     read):
+            raise InputError('the device left the finite numbers; the command, the force or a '
+                             'parameter is beyond anything a stack can follow')
