@@ -16,6 +16,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
+from piezo_stack_sim.node.asking import ask  # noqa: E402, I100
 from piezo_stack_sim.resources import config_file  # noqa: E402, I100
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402, I100
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402, I100
@@ -152,18 +153,7 @@ class Client:
             self.executor.spin_once(timeout_sec=0.02)
 
     def _answer(self, request, what):
-        # An answer to a client that the server has not met yet may get lost: ask again.
-        futures, again = [], 0.0
-
-        def answered():
-            nonlocal again
-            if time.monotonic() > again:
-                futures.append(request())
-                again = time.monotonic() + 10.0
-            return any(future.done() for future in futures)
-
-        self.until(answered, what)
-        return next(future.result() for future in futures if future.done())
+        return ask(request, lambda done: self.until(done, what))
 
     def call(self, service, **fields):
         """Call reset, step or pause; return the response."""
