@@ -239,3 +239,27 @@ def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):
     for entry in answer['calibration'].values():
         assert entry['fitted'] == pytest.approx(entry['nominal'], rel=1e-9)
     assert answer['verdict'] != 'NO_GAP'
+
+
+def test_the_experiment_that_is_proposed_decides_between_what_was_tied(diagnosed, device):
+    """A bow of the reading may be the sensor's or the ceramic's: without charge nobody knows."""
+    bow = {'sensor_nonlinearity': {'quadratic': 0.02}}
+    answer = diagnosed(bow, ('voltage', 'displacement'))
+    assert answer['verdict'] == 'AMBIGUOUS'
+    assert {'sensor_nonlinearity', 'transducer_nonlinearity'} <= set(answer['ambiguity_set'])
+    proposed = answer['next_experiment']
+    assert set(proposed['separates']) <= set(answer['ambiguity_set'])
+    assert proposed['separation'] > 3.0
+    options = dict(proposed['settings'])
+    options = {key: tuple(value) if isinstance(value, list) else value
+               for key, value in options.items()}
+    played = getattr(programmes, proposed['profile'])(**options)
+    channels = tuple(c for c in NOISE if c in ('voltage', 'displacement')
+                     or c == proposed['add_channel'])
+    from piezo_stack_sim.gap import diagnose_set
+    more = RecordingSet('bench', (*a_set(device.with_effects(bow), channels),
+                                  measure(device.with_effects(bow), played, channels, 7).replace(
+                                      name='next')))
+    after = diagnose_set(more, device, traces=False).document
+    assert 'sensor_nonlinearity' in after['ambiguity_set']
+    assert len(after['ambiguity_set']) < len(answer['ambiguity_set'])

@@ -18,5 +18,6 @@ map_option = click.option(
 
 unit_option = click.option(
     '--unit', 'units', multiple=True, metavar='CHANNEL=UNIT',
-    help='Unit in which a channel was recorded, such as displacement=um. '
+    help='Unit in which a channel was recorded, such as displacement=um, or arbitrary for a '
+         'displacement whose scale is not known. '
          'May be given several times.')

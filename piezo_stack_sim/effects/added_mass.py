@@ -24,6 +24,8 @@ EFFECT = Effect(
     'added_mass', 'mechanical',
     'More mass moves than the model knows: slower ringing, more overshoot.',
     (
-        Parameter('mass', 'kg', 0.0, 0.0, 10.0, 0.05, 'additional moving mass'),
+        Parameter('mass', 'kg', 0.0, 0.0, 10.0, 0.05, 'additional moving mass',
+                  # It moves a resonance, and a resonance is found only from close by.
+                  tries=tuple(5e-4 * 1.23 ** i for i in range(32))),
     ),
     apply, channels=('charge', 'displacement'))

@@ -20,6 +20,8 @@ class Parameter:
     the number in proportion (``log``, never through zero) or in equal steps
     (``linear``).  ``magnitude`` marks the parameter that says how strong the
     effect is; the others shape it and have a sensible default of their own.
+    ``tries`` are values from which an optimiser should set out where those that
+    follow from the rest would not do: where the effect is far from linear.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Parameter:
     magnitude: bool = True
     default: float | None = None
     runtime: bool = True
+    tries: tuple[float, ...] = ()
 
     @property
     def start(self) -> float:

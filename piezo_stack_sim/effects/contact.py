@@ -30,6 +30,6 @@ EFFECT = Effect(
         Parameter('gap', 'm', math.inf, 1e-8, 1e-3, 8e-6, 'way from rest to the stop',
                   scale='log', runtime=False),
         Parameter('stiffness', 'N/m', 5e7, 1e5, 1e9, 5e7, 'stiffness of the stop', scale='log',
-                  magnitude=False, default=5e7, runtime=False),
+                  magnitude=False, default=5e7, runtime=False, tries=(5e7, 1e6)),
     ),
     apply, channels=('charge', 'displacement'))

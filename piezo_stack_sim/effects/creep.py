@@ -44,6 +44,6 @@ EFFECT = Effect(
                   'part of the stroke that each decade of time adds', runtime=False),
         Parameter('reference_time', 's', 0.1, 1e-3, 10.0, 0.1,
                   'time after which the nominal curve holds', scale='log', magnitude=False,
-                  default=0.1, runtime=False),
+                  default=0.1, runtime=False, tries=(0.1,)),
     ),
     apply, channels=('charge', 'displacement'), shown_in='hold')

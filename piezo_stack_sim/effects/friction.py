@@ -29,6 +29,6 @@ EFFECT = Effect(
                   runtime=False),
         Parameter('presliding', 'm', 5e-8, 1e-9, 2e-6, 5e-8,
                   'displacement before it slides', scale='log', magnitude=False, default=5e-8,
-                  runtime=False),
+                  runtime=False, tries=(5e-8, 5e-9)),
     ),
     apply, channels=('charge', 'displacement'))

@@ -27,8 +27,9 @@ EFFECT = Effect(
     (
         Parameter('peak_voltage', 'V', 0.0, -200.0, 200.0, 90.0,
                   'voltage it had been led to before and back; beyond the range the range counts',
-                  runtime=False),
+                  runtime=False, tries=(-15.0, -5.0, *(1.4 ** i for i in range(15)))),
         Parameter('turn_voltage', 'V', 0.0, -200.0, 200.0, 0.0,
-                  'voltage at which it turned once more on the way back to zero', runtime=False),
+                  'voltage at which it turned once more on the way back to zero', runtime=False,
+                  tries=(0.0, -3.0, 3.0)),
     ),
     apply, channels=('charge', 'displacement'))

@@ -44,6 +44,7 @@ class Probe:
     gain: float = 0.0  # fall of the cost that a linear look promises
     order: float = 0.0  # by which the places of an effect are ordered
     look: Place = Place({}, {})
+    phi: np.ndarray | None = None  # nominal deviations that go with the place, if not those here
 
 
 @dataclass
@@ -74,7 +75,8 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
         probes.sort(key=lambda p: -p.order)
         search.fits[name] = _untouched(name, nominal)
     order = sorted(search.probes, key=lambda name: -max(p.gain for p in search.probes[name]))
-    first = [(name, p.place, nominal.phi) for i, name in enumerate(order)
+    first = [(name, p.place, nominal.phi if p.phi is None else p.phi)
+             for i, name in enumerate(order)
              for p in search.probes[name][:PLACES]
              if p.gain >= max(WORTH, NEAR * max(q.gain for q in search.probes[name]),
                               PROMISING * best if i >= FIELD else 0.0)]
@@ -175,7 +177,11 @@ def _probe(fitter: Fitter, name: str, place: Place, others: dict, fit: Fit) -> P
     best = int(np.argmax(falls))
     promise = max(gain, falls[best])
     if not place.strengths:
-        return Probe(name, place.shape, directions.astype(np.float32), promise, falls[best], place)
+        # Nothing to scale, but the nominal parameters may answer: they had stood in for it.
+        cost, phi = fitter.retuned(moved[0], fit.phi)
+        fall = fitter.cost(fit.residual, fit.phi) - cost
+        return Probe(name, place.shape, directions.astype(np.float32), max(promise, fall), fall,
+                     place, phi)
     # Where it fits as it stands, a line from no effect at all tells nothing better.
     there = place.at(EFFECTS[name], factors) if gain > falls[best] else place.looks[best]
     return Probe(name, there, directions.astype(np.float32), promise, promise, place)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_stack_sim.gap import where
+from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.report_parts import gap_part, records_part
@@ -41,7 +42,7 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
 
     checked, findings = preflight(recordings, device)
     simulated = simulate_set(device, checked.recordings)
-    evidence = prepare(checked.recordings, simulated)
+    evidence = prepare(sized(checked.recordings, simulated), simulated)
     residual = np.concatenate([
         (track.measured[c] - track.average(answer[c])) / track.sigma[c]
         for track, answer in zip(evidence.tracks, simulated) for c in track.channels])

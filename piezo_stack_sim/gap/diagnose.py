@@ -20,6 +20,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
 from piezo_stack_sim.gap.ablation import ablations
+from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.candidates import (
     polish, Search, search_partners, search_singles)
 from piezo_stack_sim.gap.evidence import Evidence, prepare
@@ -107,6 +108,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     checked, findings = preflight(recordings, device)
     progress('simulating the parameter file as given')
     before = simulate_set(device, checked.recordings)
+    checked = checked.replace(recordings=sized(checked.recordings, before))
     evidence = prepare(checked.recordings, before)
     progress('re-tuning the nominal parameters')
     fitter = Fitter(device, evidence)

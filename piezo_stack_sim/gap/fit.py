@@ -16,6 +16,7 @@ import numpy as np
 from piezo_stack_sim.effects.base import Parameter
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.gap.arbitrary import is_arbitrary
 from piezo_stack_sim.gap.descent import descend, Landscape, NUDGE, Slope, sum_of_squares
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import fitted_rows, residuals
@@ -96,7 +97,7 @@ class Fitter:
     def __init__(self, device: Device, evidence: Evidence) -> None:
         self.device = device
         self.evidence = evidence
-        self.nuisance = Nuisance(device)
+        self.nuisance = Nuisance(device, is_arbitrary([t.recording for t in evidence.tracks]))
         self.rows = np.flatnonzero(fitted_rows(evidence))
         self.base = residuals(device, evidence)
 
@@ -170,6 +171,31 @@ class Fitter:
         along = scale * (clear.T @ self._view(fit)[2])
         factors = np.linalg.solve(alike, along)
         return float(along @ factors), -scale * factors
+
+    def retuned(self, residual: np.ndarray, phi: np.ndarray) -> tuple[float, np.ndarray]:
+        """
+        Return what a linear look promises of re-tuning the nominal parameters.
+
+        Parameters
+        ----------
+        residual : ndarray, shape (N,)
+            Weighted residual of a device.
+        phi : ndarray, shape (p,)
+            Its nominal deviations.
+
+        Returns
+        -------
+        cost : float
+            Sum of squares over the fitted rows plus that of the prior.
+        phi : ndarray, shape (p,)
+            The deviations that bring it, within bounds.
+
+        """
+        now = residual[self.rows] - self.nominal.seen @ phi
+        precision = np.diag(self.nuisance.prior ** -2.0)
+        new = -np.linalg.solve(self.nominal.square + precision, self.nominal.seen.T @ now)
+        new = np.clip(new, -self.nuisance.bound, self.nuisance.bound)
+        return sum_of_squares(now + self.nominal.seen @ new, new / self.nuisance.prior), new
 
     def cleared(self, directions: np.ndarray, fit: Fit) -> np.ndarray:
         """

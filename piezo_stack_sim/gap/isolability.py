@@ -17,7 +17,7 @@ from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.fit import Fitter
 
 SEEN = 5.0  # length of a direction, in standard deviations, that counts as seen
-KIN = 0.6  # cosine between directions from which two effects are kin
+KIN = 0.9  # part of a direction that lies among those of another effect, its kin
 ALIKE = 0.985  # cosine between directions from which two effects count as one
 
 
@@ -31,7 +31,7 @@ def isolability(fitter: Fitter, search: Search
     Directions are those of a typical strength of each effect, cleared of what
     re-tuning the nominal parameters can imitate.
     """
-    names, directions, unseen = [], [], []
+    names, directions, spaces, unseen = [], [], [], []
     for name, probes in search.probes.items():
         clear = [direction for probe in probes if probe.direction is not None
                  for direction in fitter.cleared(probe.direction, search.nominal).T]
@@ -41,6 +41,8 @@ def isolability(fitter: Fitter, search: Search
             continue
         names.append(name)
         directions.append((longest / np.linalg.norm(longest)).astype(np.float32))
+        spaces.append(np.column_stack([each / np.linalg.norm(each) for each in clear
+                                       if np.linalg.norm(each) > SEEN]).astype(np.float32))
     if not names:
         return [], unseen, set()
     cosine = np.abs(np.array(directions) @ np.array(directions).T)
@@ -56,6 +58,13 @@ def isolability(fitter: Fitter, search: Search
         left -= group
         if len(group) > 1:
             classes.append([names[i] for i in sorted(group)])
-    kin = {frozenset((a, b)) for i, a in enumerate(names) for j, b in enumerate(names)
-           if i < j and cosine[i, j] > KIN}
+    bases = [np.linalg.svd(space, full_matrices=False)[0] for space in spaces]
+    kin = set()
+    for i, a in enumerate(names):
+        for j in range(i):
+            # How much of what one can do lies in what the other can do.
+            shared = max(np.linalg.norm(bases[i].T @ spaces[j], axis=0).max(),
+                         np.linalg.norm(bases[j].T @ spaces[i], axis=0).max())
+            if shared > KIN:
+                kin.add(frozenset((a, names[j])))
     return classes, unseen, kin

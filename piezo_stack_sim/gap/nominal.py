@@ -17,6 +17,7 @@ from piezo_stack_sim.plant import Device
 TABLE_1 = ('mass', 'stiffness', 'damping', 'linear_capacitance', 'transformer_ratio')
 
 SURE = 1e-6  # smallest standard deviation of a number
+ANY_SCALE = 0.5  # relative deviation of a scale of which nothing is known
 
 
 class Nuisance:
@@ -24,10 +25,11 @@ class Nuisance:
     The relative deviations phi of the nominal parameters, shape (p,).
 
     First those of Table 1, then the stiffness and the break voltage of every
-    Maxwell element of Table 2.
+    Maxwell element of Table 2, and last, if ``scale_free``, the scale of the
+    displacement, of which nothing is known.
     """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device, scale_free: bool = False) -> None:
         self.device = device
         actuator = device.actuator
         uncertainty = actuator.relative_uncertainty
@@ -36,6 +38,10 @@ class Nuisance:
                       *(f'maxwell_break_voltage[{i}]' for i in range(n))]
         # The elements were fitted jointly to one curve: single deviations are smaller.
         self.bound = np.concatenate([np.full(5, uncertainty), np.full(2 * n, 0.5 * uncertainty)])
+        if scale_free:
+            self.names.append('displacement_scale')
+            self.bound = np.append(self.bound, ANY_SCALE)
+        self.scale_free = scale_free
         # A file that is sure of its numbers leaves nothing to re-tune.
         self.prior = np.maximum(0.5 * self.bound, SURE)
         self.n = n
@@ -51,5 +57,7 @@ class Nuisance:
         changes['maxwell_stiffness'] = tuple(
             np.array(actuator.maxwell_stiffness) * (1.0 + phi[5:5 + n]))
         changes['maxwell_break_voltage'] = tuple(
-            np.array(actuator.maxwell_break_voltage) * (1.0 + phi[5 + n:]))
+            np.array(actuator.maxwell_break_voltage) * (1.0 + phi[5 + n:5 + 2 * n]))
+        if self.scale_free:
+            device = device.with_effects({'sensor_gain': {'gain_error': float(phi[-1])}})
         return device.replace(actuator=actuator.replace(**changes))

@@ -75,7 +75,7 @@ def covariance(fitter: Fitter, fit: Fit) -> np.ndarray:
 
 
 def calibration_part(fitter: Fitter, fit: Fit) -> dict:
-    """Return the re-tuned nominal parameters of Table 1."""
+    """Return the re-tuned nominal parameters of Table 1, and the scale if it was free."""
     errors = covariance(fitter, fit)[len(fit.free):]
     result = {}
     for i, name in enumerate(fitter.nuisance.names[:5]):
@@ -88,6 +88,11 @@ def calibration_part(fitter: Fitter, fit: Fit) -> dict:
             'nominal': nominal, 'fitted': float(fitted), 'ci': [fitted - half, fitted + half],
             'unit': UNITS[name], 'allowed': bound,
             'at_bound': {0: False, 1: 'upper', -1: 'lower'}[side]}
+    if fitter.nuisance.scale_free:
+        half, fitted = 1.96 * float(errors[-1]), 1.0 + float(fit.phi[-1])
+        result['displacement_scale'] = {
+            'nominal': 1.0, 'fitted': fitted, 'ci': [fitted - half, fitted + half], 'unit': '1',
+            'allowed': float(fitter.nuisance.bound[-1]), 'at_bound': False}
     return result
 
 

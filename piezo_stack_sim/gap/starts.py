@@ -3,8 +3,8 @@
 """
 Where to start the fit of an effect: a few places that suit the recordings.
 
-Derived from the parameters of an effect alone (unit, neutral value, scale), so
-that a new effect needs nothing here.
+Derived from the parameters of an effect alone (unit, neutral value, scale, and
+``tries`` where it names its own), so that a new effect needs nothing here.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ from piezo_stack_sim.gap.evidence import Evidence
 
 MOST = 12  # places from which an effect is looked at
 STRENGTHS = (0.05, 0.4, 1.5)  # of a typical strength, for an effect with one number
-# A mass moves a resonance, and a resonance is found only from close by.
-MASSES = tuple(float(part) for part in np.geomspace(0.01, 6.0, 32))
 STRENGTH = 0.3  # for one with several
 
 
@@ -112,15 +110,12 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
     strong = [p for p in effect.parameters if _is_linear(p) and _strength(p)]
     shapes = [[(p.name, value) for value in _choices(p, extent)]
               for p in effect.parameters if not _is_linear(p)]
-    # A length in the shape is what a force is compared with: weak and strong look different.
+    own = any(p.tries for p in effect.parameters)
     parts: tuple[float, ...] = STRENGTHS if len(strong) == 1 and (
-        all(len(s) == 1 for s in shapes) or any(p.unit == 'm' for p in effect.parameters
-                                                if not _is_linear(p))) else (STRENGTH,)
-    if len(strong) == 1 and strong[0].unit == 'kg' and parts == STRENGTHS:
-        parts = MASSES
+        own or all(len(s) == 1 for s in shapes)) else (STRENGTH,)
     places = [Place(dict(shape), {p.name: part * _strength(p) for p in strong})
               for part in (parts if strong else (1.0,)) for shape in itertools.product(*shapes)]
-    if len(places) > MOST and parts != MASSES:
+    if len(places) > MOST and not own:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
         places = [places[i] for i in pick]
@@ -130,12 +125,7 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
 def _is_linear(parameter: Parameter) -> bool:
     """Tell whether a parameter is a strength that can be scaled down to nothing."""
     return (parameter.magnitude and parameter.scale == 'linear'
-            and math.isfinite(parameter.neutral) and not _is_level(parameter))
-
-
-def _is_level(parameter: Parameter) -> bool:
-    """Tell whether a strength is a voltage of the size of commands: far from linear."""
-    return parameter.unit == 'V' and (parameter.typical >= 10.0 or parameter.typical == 0.0)
+            and math.isfinite(parameter.neutral) and not parameter.tries)
 
 
 def _strength(parameter: Parameter) -> float:
@@ -150,15 +140,12 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
         kept = [v for v in values if low <= v <= high]
         return kept or [min(max(parameter.typical, low), high)]
 
+    if parameter.tries:
+        return inside(parameter.tries)
     unit = parameter.unit
-    if math.isfinite(parameter.neutral) and parameter.magnitude and _is_level(parameter):
-        return inside([part * parameter.typical for part in (0.05, 0.1, 0.2, 0.4, 0.8, -0.15)]
-                      if parameter.typical else [0.0, -5.0])
     if unit == 'Hz':
         wanted = [*extent.frequencies[:2], 300.0, 1000.0, 3000.0, 8000.0]
         return inside(wanted)
-    if unit == 'N/m':
-        return inside([parameter.start, 0.02 * parameter.start])
     if math.isinf(parameter.neutral):
         if unit == 'V':
             edge = extent.voltage[1] if parameter.neutral > 0 else extent.voltage[0]
@@ -171,8 +158,6 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
         if unit == 'A':
             return inside([part * extent.current for part in (0.8, 0.3, 0.1)])
         return inside([parameter.typical * 10.0 ** k for k in (-1.5, -0.5, 0.5, 1.5, 2.5)])
-    if unit == 'm':
-        return inside([parameter.start, 0.1 * parameter.start])
-    if parameter.name == 'time_constant':
+    if unit == 's':
         return inside([part * extent.duration for part in (0.1, 0.5)])
     return inside([parameter.start])

@@ -33,6 +33,7 @@ class Thresholds:
     leftover: float = 0.2  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
+    alike: float = 3.0  # times what the best leaves that one who looks like it may leave
     too_many: int = 9  # effects in a set from which nothing is identified
 
 
@@ -164,7 +165,8 @@ def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
                 covered += probability
     for group in classes:
         if singles[0].name in group:
-            # Whoever looks alike and explains about as much belongs to the tie.
-            near = {r.name for r in singles if r.removed > 0.95 * singles[0].removed}
+            # Whoever looks alike and leaves about as little belongs to the tie.
+            most = t.alike * (1.0 - singles[0].removed) + 0.01
+            near = {r.name for r in singles if 1.0 - r.removed < most}
             tie += [name for name in group if name in near and name not in tie]
     return tuple(tie)

@@ -51,6 +51,44 @@ def check_limits(recording):
     return recording, []
 
 
+def arbitrary_factor(recordings, statics):
+    """
+    Return how many metres a unit of an arbitrary displacement is, on the whole of a set.
+
+    Parameters
+    ----------
+    recordings : list of Recording
+        Those whose displacement is not arbitrary do not count.
+    statics : Statics
+        The device: its stroke is the measure.
+
+    Returns
+    -------
+    float
+        1 where nothing is arbitrary.
+
+    """
+    above = below = 0.0
+    for each in recordings:
+        if each.arbitrary and 'displacement' in each.measured:
+            expected = statics.answer(each.drive, each.command, each.external_force)
+            wanted = expected['displacement'] - np.mean(expected['displacement'])
+            given = each.measured['displacement'] - np.nanmean(each.measured['displacement'])
+            above += float(np.nansum(wanted * given))
+            below += float(np.nansum(given * given))
+    return above / below if above and below else 1.0
+
+
+def give_size(recording, factor):
+    """Give an arbitrary displacement the size that the device should have."""
+    if not recording.arbitrary or 'displacement' not in recording.measured:
+        return recording, []
+    measured = {**recording.measured, 'displacement': factor * recording.measured['displacement']}
+    return recording.replace(measured=measured), [found(
+        recording, None, NOTE, 'displacement is in units of its own: its scale tells nothing',
+        f'multiplied by {factor:.4g} m, as the stroke of the device tells')]
+
+
 def _explain(channel, ratio):
     """
     Return (power of ten, cost, distance) that explains a channel's size best.

@@ -27,6 +27,7 @@ from piezo_stack_sim.recording.finding import shown
 from piezo_stack_sim.recording.recording import UNITS
 
 CHANNELS = tuple(UNITS)
+ARBITRARY = 'arbitrary'
 _PREFIXES = {'': 1.0, 'k': 1e3, 'm': 1e-3, 'u': 1e-6, 'µ': 1e-6, 'μ': 1e-6, 'n': 1e-9, 'p': 1e-12}
 _TOPIC = re.compile(r'/[A-Za-z0-9_~]+(?:/[A-Za-z0-9_]+)*')
 _FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)|\[([0-9]{1,6})\]')
@@ -180,6 +181,7 @@ def unit_scale(quantity, text):
         raise InputError(
             f'--unit {quantity}: {shown(text)} is no unit of it: expected {base} with a prefix of '
             'k, m, u, n, p, or a factor, or both as in 2.5*um, and a sign'
+            + (f'; or {ARBITRARY}' if quantity == 'displacement' else '')
         )
     return scale
 
@@ -196,7 +198,7 @@ def parse_units(texts):
     Returns
     -------
     dict of str to float
-        Factors to the SI unit.
+        Factors to the SI unit; none for what is in units of its own.
 
     Raises
     ------
@@ -204,7 +206,13 @@ def parse_units(texts):
         See `unit_scale`.
 
     """
-    return {name: unit_scale(name, text) for name, text in _pairs(texts, '--unit').items()}
+    return {name: unit_scale(name, text) for name, text in _pairs(texts, '--unit').items()
+            if (name, text) != ('displacement', ARBITRARY)}
+
+
+def is_displacement_arbitrary(texts):
+    """Tell whether ``--unit displacement=arbitrary`` says that only its shape counts."""
+    return _pairs(texts, '--unit').get('displacement') == ARBITRARY
 
 
 def header_unit(header):

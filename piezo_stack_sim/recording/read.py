@@ -12,7 +12,7 @@ from piezo_stack_sim.recording.bag_file import FILE_ENDINGS, is_bag
 from piezo_stack_sim.recording.csv_file import read_csv
 from piezo_stack_sim.recording.finding import Finding, NOTE
 from piezo_stack_sim.recording.mapping import (
-    parse_mapping, parse_units, suggestion, TopicField,
+    is_displacement_arbitrary, parse_mapping, parse_units, suggestion, TopicField,
 )
 from piezo_stack_sim.recording.recording import RecordingSet
 
@@ -104,6 +104,7 @@ def read_set(paths, mapping=None, units=None, progress=None):
         The first file that cannot be read, with row, value and mend.
 
     """
+    arbitrary = is_displacement_arbitrary(units)
     mapping, units = parse_mapping(mapping), parse_units(units)
     if isinstance(paths, (str, os.PathLike)):
         paths = [paths]
@@ -122,7 +123,8 @@ def read_set(paths, mapping=None, units=None, progress=None):
         if progress:
             progress(number, len(files), path.name)
         reader = read_bag if is_bag(path) else read_csv
-        recordings.append(reader(path, mapping, units))
+        recording = reader(path, mapping, units)
+        recordings.append(recording.replace(arbitrary=True) if arbitrary else recording)
     single = len(paths) == 1 and files != paths
     name = paths[0].resolve().name if single else recording_name(paths[0])
     return RecordingSet(name, tuple(recordings), source, tuple(findings))

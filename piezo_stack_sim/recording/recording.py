@@ -67,6 +67,9 @@ class Recording:
         preflight put in.
     findings : tuple of Finding
         What the reader had to say.
+    arbitrary : bool
+        Whether the displacement is in units of its own, such as volts of a sensor that nobody
+        calibrated: preflight gives it the size that the device should have.
 
     Raises
     ------
@@ -86,6 +89,7 @@ class Recording:
     source: str = ''
     rows: np.ndarray | None = None
     findings: tuple[Finding, ...] = ()
+    arbitrary: bool = False
 
     def __post_init__(self):
         """Turn what was given into read-only vectors of one length."""

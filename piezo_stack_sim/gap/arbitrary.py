@@ -1,0 +1,48 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Displacements in units of their own: of the size of the simulated ones, and free in size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from piezo_stack_sim.recording.recording import Recording
+
+
+def is_arbitrary(recordings: Sequence[Recording]) -> bool:
+    """Tell whether the scale of the displacement means nothing in any of the recordings."""
+    return any(each.arbitrary for each in recordings)
+
+
+def sized(recordings: Sequence[Recording], simulated: Sequence[dict[str, np.ndarray]]
+          ) -> tuple[Recording, ...]:
+    """
+    Scale arbitrary displacements, all alike, so that they move as far as the simulated ones.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        After preflight.
+    simulated : sequence of dict
+        Channel to (n,) array for each of them.
+
+    Returns
+    -------
+    tuple of Recording
+        Those whose displacement is in metres stay as they are.
+
+    """
+    above = below = 0.0
+    for recording, answer in zip(recordings, simulated):
+        if recording.arbitrary and 'displacement' in recording.measured:
+            given = recording.measured['displacement']
+            given = given - given.mean()
+            above += float(given @ (answer['displacement'] - answer['displacement'].mean()))
+            below += float(given @ given)
+    if not above > 0.0:
+        return tuple(recordings)
+    return tuple(
+        each.replace(measured={**each.measured, 'displacement':
+                               above / below * each.measured['displacement']})
+        if each.arbitrary and 'displacement' in each.measured else each for each in recordings)

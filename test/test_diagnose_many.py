@@ -1,0 +1,50 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Several devices at once: the same answers here, over processes and on a Dask cluster."""
+
+import json
+
+from piezo_stack_sim.gap.many import diagnose_many, Job
+from piezo_stack_sim.plant import Device
+from piezo_stack_sim.plant.parameters import save_device
+from piezo_stack_sim.recording import programmes, RecordingSet
+from piezo_stack_sim.recording.write import write_csv_set
+import pytest
+from test_gap import measure
+
+
+def answers(jobs):
+    """Return each diagnosis.json, without where it lies and how long it took."""
+    found = []
+    for job in jobs:
+        with open(f'{job.out}/diagnosis.json', encoding='utf-8') as file:
+            found.append(json.load(file))
+        del found[-1]['files'], found[-1]['how']['settings']['seconds']
+    return found
+
+
+def test_a_dask_cluster_answers_what_processes_answer(tmp_path):
+    distributed = pytest.importorskip('distributed')
+    nominal = Device.nominal()
+    save_device(nominal, tmp_path / 'nominal.yaml')
+    devices = {'gain': nominal.with_effects({'amplifier_gain': {'gain_error': 0.02}}),
+               'stiff': nominal.with_effects({'sensor_gain': {'gain_error': 0.1}})}
+    push = programmes.force(cycles=1, rate=2e3)
+    for name, device in devices.items():
+        write_csv_set(RecordingSet(name, (measure(device, push, ('voltage', 'displacement'), 1),)),
+                      tmp_path / name)
+
+    def jobs(way):
+        return [Job((str(tmp_path / name),), str(tmp_path / 'nominal.yaml'),
+                    str(tmp_path / way / name)) for name in devices]
+
+    here = [line for _, line in diagnose_many(jobs('here'), workers=2)]
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
+                                  dashboard_address=None) as cluster:
+        there = [line for _, line in diagnose_many(jobs('there'),
+                                                   scheduler=cluster.scheduler_address)]
+        again = [line for _, line in diagnose_many(jobs('there'),
+                                                   scheduler=cluster.scheduler_address)]
+    assert sorted(here) == sorted(there) and not any('failed' in line for line in here)
+    assert answers(jobs('here')) == answers(jobs('there'))
+    assert again == ['done before'] * len(devices)
