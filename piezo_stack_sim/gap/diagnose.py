@@ -163,7 +163,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
                                  simulate_set(tuned_device, checked.recordings))
     fractions, blocks = where.shares(cuts, behind, 'charge' in evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
-    chance = probabilities(singles, thresholds)
+    chance = verdict.single * probabilities(singles, thresholds)
     result = {
         'schema': 'piezo_stack_sim/diagnosis/1',
         'verdict': verdict.word,
@@ -257,7 +257,8 @@ def _rank(names, search: Search, judge: Judge, removable: _Removable,
         powers = judge.powers(fit.residual)
         ranked.append(Ranked(
             name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
-            _count(fit), judge.strict(powers) - strict, judge.left(powers, base)))
+            _count(fit), judge.strict(powers) - strict, judge.left(powers, base),
+            float(np.max(powers)) - 1.0))
     if reference is None:
         return sorted(ranked, key=lambda r: (-r.gain, r.name))
     return sorted(ranked, key=lambda r: (-r.strict, r.name))

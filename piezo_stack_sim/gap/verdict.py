@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
@@ -35,6 +36,12 @@ class Thresholds:
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave
     too_many: int = 9  # effects in a set from which nothing is identified
+    # Log odds that one effect is the whole cause: constant, per part of the removable gap that
+    # stays, per decade of what is left over the noise.
+    one: tuple[float, float, float] = (2.0, -3.4, -0.5)
+    two: tuple[float, float, float] = (1.0, 0.0, 0.0)  # the same for two
+    nothing: float = 0.9  # how often NO_GAP is right
+    unknown: float = 0.55  # and UNKNOWN
 
 
 DEFAULTS = Thresholds()
@@ -50,11 +57,19 @@ class Ranked:
     parameters: int
     strict: float = 0.0  # gain without forgiving differences in form, nats
     left: float = 1.0  # part of what the best single effect leaves that is still left
+    excess: float = 0.0  # largest mean square over the noise that it leaves in a track, minus one
+
+    def odds(self, learned: tuple[float, float, float]) -> float:
+        """Return the learned probability that this is the whole cause, all rivals apart."""
+        stays = 1.0 - min(max(self.removed, 0.0), 1.0)
+        total = learned[0] + learned[1] * stays + learned[2] * math.log10(
+            1.0 + max(self.excess, 0.0))
+        return 1.0 / (1.0 + math.exp(-total))
 
 
 def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS) -> np.ndarray:
     """
-    Return calibrated probabilities of hypotheses of equal prior.
+    Return the probabilities of hypotheses of equal prior, if one of them is the whole cause.
 
     A score is worth less than its nats, because no library holds the true form
     of an effect: differences are divided by a learned temperature, which grows
@@ -72,13 +87,20 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS) -> np
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer: the word, the effects switched on, the tie, a sentence of reason."""
+    """
+    The answer.
+
+    ``selected`` are the effects switched on, ``tie`` those that cannot be told
+    apart, ``confidence`` the probability that the verdict is right, ``single``
+    that one effect of the library is the whole cause.
+    """
 
     word: str
     selected: tuple[str, ...]
     tie: tuple[str, ...]
     reason: str
     confidence: float
+    single: float
 
 
 def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure: float,
@@ -111,30 +133,33 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         names = tuple(pairs[0].name.split('+'))
         if pairs[0].removed >= t.explained:
             first, second = sorted(names, key=lambda name: name != best.name)
+            sure = pairs[0].odds(t.two)
             return Verdict('MULTIPLE', names, (), f'{first} alone leaves '
                            f'{_percent(1.0 - best.removed)} of the removable gap, '
-                           f'with {second} {_percent(1.0 - pairs[0].removed)}', 0.8)
+                           f'with {second} {_percent(1.0 - pairs[0].removed)}', sure, 1.0 - sure)
     explained = max(best.removed, 1.0 - best.left)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
     if not clear and (best.gain < t.detect + 2.0 * best.parameters or explained < t.explained):
         if structure < t.excess:
             return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
-                           'parameters within their uncertainty is noise', 0.9)
+                           'parameters within their uncertainty is noise', t.nothing,
+                           1.0 - t.nothing)
         return Verdict('UNKNOWN', (), (), f'structure of {1.0 + structure:.1f} times the noise '
                        f'power is left; the best effect, {best.name}, removes '
                        f'{_percent(best.removed)} of the removable gap, a flexible correction '
-                       f'{_percent(ceiling)}', 0.6)
+                       f'{_percent(ceiling)}', t.unknown, 1.0 - t.unknown)
     tie = tie_of(singles, chance, classes, t)
+    sure = best.odds(t.one)
+    among = sure * float(sum(c for r, c in zip(singles, chance) if r.name in tie))
     if len(tie) >= t.too_many:
         return Verdict('NOT_IDENTIFIABLE', (), tie, f'{len(tie)} effects explain the gap about '
-                       'equally well with these channels', float(chance[0]))
+                       'equally well with these channels', among, sure)
     if len(tie) > 1:
         return Verdict('AMBIGUOUS', (best.name,), tie, 'these recordings do not decide between '
-                       f'{len(tie)} effects', float(sum(
-                           c for r, c in zip(singles, chance) if r.name in tie)))
+                       f'{len(tie)} effects', among, sure)
     return Verdict('CAUSE', (best.name,), (best.name,), f'{best.name} removes '
                    f'{_percent(best.removed)} of the removable gap and nothing else comes '
-                   'close', float(chance[0]))
+                   'close', among, sure)
 
 
 def _percent(part: float) -> str:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from piezo_stack_sim.plant.parameters import Device
 from piezo_stack_sim.recording.finding import Finding
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
+
+HEAVIEST = 1.0  # kg; what moves more carries a load
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,9 @@ def identify(recordings: RecordingSet, start: Device | None = None,
 
     """
     told = told or (lambda line: None)
-    checked, findings = preflight(recordings, start)
+    # The size of a displacement in units of its own is that of the device one starts from.
+    sizing = guess_device(start) if any(each.arbitrary for each in recordings) else start
+    checked, findings = preflight(recordings, sizing)
     originals = {each.name: each for each in recordings}
     tracks = make_tracks(checked.recordings, originals)
     if not tracks:
@@ -131,8 +135,13 @@ def identify(recordings: RecordingSet, start: Device | None = None,
     place = layout.size - len(layout.polarised)
     polarised = {tracks[i].recording.name: float(np.exp(fit.vector[place + j]))
                  for j, i in enumerate(layout.polarised)}
+    device = device.replace(actuator=found)
+    if found.mass > HEAVIEST:
+        # No stack weighs that much: it carries something.
+        load = replace(device.load, mass=device.load.mass + found.mass - guess.mass)
+        device = device.replace(actuator=found.replace(mass=guess.mass), load=load)
     return Identification(
-        recordings.name, device.replace(actuator=found), estimates(fit), curves, pieces, fit,
+        recordings.name, device, estimates(fit), curves, pieces, fit,
         findings, polarised, guess.model)
 
 

@@ -109,8 +109,12 @@ def _invented(recording, original, channel) -> np.ndarray:
     if known.size < 3:
         return none
     # Sign, unit and offset change all rows alike; what is left was changed by itself.
-    fewest = None
-    for slope in UNIT_CHANGES:
+    fewest, slopes = None, UNIT_CHANGES
+    if recording.arbitrary and channel == 'displacement':
+        ends = known[[np.argmin(before[known]), np.argmax(before[known])]]
+        slopes = (*slopes, float(np.ptp(after[ends]) / max(np.ptp(before[ends]), 1e-300)))
+        slopes = (*slopes, -slopes[-1])
+    for slope in slopes:
         rest = after - slope * np.where(new, 0.0, before)
         changed = np.abs(rest - np.median(rest[known])) > 1e-6 * np.ptp(after)
         if fewest is None or changed[known].sum() < fewest[known].sum():

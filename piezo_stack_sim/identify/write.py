@@ -54,6 +54,9 @@ def comment(found: Identification) -> str:
         mark = '' if each.determined else '   NOT DETERMINED by these recordings'
         lines.append(f'  {each.name} = {each.value:.6g} [{each.low:.6g}, {each.high:.6g}] '
                      f'{unit_of(each.name)}{mark}')
+    if found.device.load.mass > 0.0:
+        lines.append(f'  Of the moving mass {found.device.load.mass:.4g} kg stand under load: it '
+                     'is more than a stack weighs, or the start file said so.')
     if not found.fit.layout.last_slips:
         lines.append('  The last element never slips in these recordings: read it as a spring.')
     advice = dict.fromkeys(each.advice for each in found.undetermined)

@@ -39,8 +39,6 @@ class Model:
     m, b, k, C, T : float
         Moving mass (kg), damping (N s/m), stiffness (N/m), linear capacitance
         (F) and transformer ratio (N/V), Table 1.
-    converse : float
-        Transformer ratio of Eq. 14 over that of Eq. 11: 1 where it is one ratio.
     maxwell_k, maxwell_v : numpy.ndarray, shape (n,)
         Stiffness (V/C) and break voltage (V) of the Maxwell elements, Table 2.
     reference : Reference
@@ -56,7 +54,6 @@ class Model:
     maxwell_k: np.ndarray
     maxwell_v: np.ndarray
     reference: Reference
-    converse: float = 1.0
     drive: str = 'voltage'
     clamped: bool = False
     output_resistance: float = 0.0
@@ -268,9 +265,8 @@ def assemble(model: Model) -> System:
     if not model.clamped:
         rates[0, 1] = 1.0
         force = row(model.force_terms)
-        # Eq. 14 with v_t = (q - T x)/C, Eq. 11.
-        force[column['charge']] += model.converse * model.T / model.C
-        force[0] -= model.k + model.converse * model.T ** 2 / model.C
+        force[column['charge']] += model.T / model.C  # Eq. 14 with v_t = (q - T x)/C, Eq. 11
+        force[0] -= model.k + model.T ** 2 / model.C
         force[1] -= model.b
         force[base + layout.A_FRICTION] += 1.0
         force[base + layout.A_CONTACT] += 1.0
@@ -290,8 +286,8 @@ def assemble(model: Model) -> System:
     reading[1, 1] = 1.0
     reading[2] = row({'charge': 1.0, **model.charge_reading_terms})
     reading[3, column['voltage']] = 1.0
-    reading[4, column['charge']] = model.converse * model.T / model.C
-    reading[4, 0] = -model.converse * model.T ** 2 / model.C
+    reading[4, column['charge']] = model.T / model.C
+    reading[4, 0] = -model.T ** 2 / model.C
     reading[5, column['charge']] = 1.0
 
     k = np.ascontiguousarray(model.maxwell_k, dtype=float)
@@ -317,7 +313,7 @@ def assemble(model: Model) -> System:
     real[layout.R_OMEGA_FAST] = max(model.slow_rates, default=0.0)
     real[layout.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
 
-    stiffest = (model.k + model.converse * model.T ** 2 / model.C + model.friction_stiffness
+    stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness
                 + model.contact_stiffness)
     omega_max = max([math.sqrt(stiffest / model.m), *model.slow_rates])
     quickest = max(model.fast_rates, default=0.0)
@@ -352,8 +348,8 @@ def assemble(model: Model) -> System:
 
     # Two states, one port with memory, no further terms: the fast kernel can take it.
     special = [layout.I_FRICTION, layout.I_CONTACT, layout.I_LIMITER, layout.I_SMOOTH]
-    is_ideal = (n_states == 2 and model.converse == 1.0 and not ints[special].any()
-                and not opposing.any() and set(model.force_terms) <= {'external_force'}
+    is_ideal = (n_states == 2 and not ints[special].any() and not opposing.any()
+                and set(model.force_terms) <= {'external_force'}
                 and not reading[0, base + layout.A_RC:].any())
     initial = np.array([model.initial.get(name, 0.0) for name in names])
     return System(tuple(names), initial, k, v_break, r, real, ints, rates, opposing, reading,
