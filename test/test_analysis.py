@@ -193,3 +193,10 @@ def test_analyse_prints_a_table(capsys):
 def test_analyse_refuses_a_voltage_of_zero(capsys):
     assert main(['analyse', '--params', str(config_file('ae0505d16.yaml')), '--voltage', '0']) == 2
     assert capsys.readouterr().err.count('\n') == 1
+
+
+def test_a_last_element_that_never_slips_sets_no_limit(capsys):
+    """The printed table stops at 105 V; an element that never slips is said to set no limit."""
+    assert main(['analyse', '--params', str(config_file('ae0505d16_full_range.yaml'))]) == 0
+    shown = capsys.readouterr().out
+    assert 'no limit' in shown and 'element 10 never slips' in shown and ' inf ' not in shown

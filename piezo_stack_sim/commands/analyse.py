@@ -109,6 +109,8 @@ def _shown(value, unit):
     """Return a number with its unit and the prefix that suits it."""
     from piezo_stack_sim.gap.quantities import quantity
 
+    if math.isinf(value):
+        return 'no limit'
     if unit == 'N/m':  # as catalogues do
         value, unit = value * 1e-6, 'N/µm'
     return f'{value:.5g} {unit}' if unit == 'N/µm' else quantity(value, unit, 5)

@@ -275,7 +275,8 @@ def summary(device: Device) -> dict[str, dict]:
         ('R1', circuit.R1, 'ohm', 'Eq. 24, b/T²'),
         ('C1', circuit.C1, 'F', 'Eq. 25, T²/k'),
         ('C0', circuit.C0, 'F', 'Eq. 26, C'),
-        ('largest_voltage', largest_voltage(device), 'V', f'element {n} slips beyond it'),
+        ('largest_voltage', largest_voltage(device), 'V', f'element {n} slips beyond it'
+         if math.isfinite(largest_voltage(device)) else f'element {n} never slips'),
     ]
     return {name: {'value': float(value), 'unit': unit, 'source': source}
             for name, value, unit, source in rows}

@@ -1,0 +1,81 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A stage as laboratories record it: no charge, a sensor in volts of unknown scale that drifts."""
+
+import json
+
+import numpy as np
+from piezo_stack_sim.cli import main
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.examples import laboratory
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording import programmes, RecordingSet
+from piezo_stack_sim.recording.mapping import is_displacement_arbitrary, parse_units
+from piezo_stack_sim.recording.preflight import preflight
+import pytest
+
+COLUMNS = ['--map', 'voltage_command=out', '--map', 'displacement=sensor',
+           '--unit', 'voltage_command=15*V', '--unit', 'displacement=arbitrary']
+LAGS = {'sensor_lag', 'sensor_delay', 'command_delay', 'amplifier_bandwidth'}
+
+
+@pytest.fixture(scope='module')
+def answer(tmp_path_factory):
+    """Identify and diagnose a stage with a secret, once each."""
+    found = {}
+
+    def get(secret):
+        if secret not in found:
+            folder = tmp_path_factory.mktemp(secret)
+            bench, params = folder / 'bench', folder / 'stage.yaml'
+            laboratory.write(bench, secret)
+            assert main(['identify', str(bench / 'slow.csv'), str(bench / 'noise.csv'), *COLUMNS,
+                         '--out', str(params)]) == 0
+            assert main(['diagnose', str(bench), '--params', str(params), *COLUMNS,
+                         '--out', str(folder / 'out')]) == 0
+            found[secret] = json.loads((folder / 'out' / 'diagnosis.json').read_text())
+        return found[secret]
+
+    return get
+
+
+def named(diagnosis):
+    return set(diagnosis['selected']) | set(diagnosis['ambiguity_set'])
+
+
+def test_a_lag_of_the_measurement_is_no_rate_dependent_hysteresis(answer):
+    found = named(answer('sensor_lag'))
+    assert found & LAGS
+    assert 'rate_dependent_hysteresis' not in found
+
+
+def test_rate_dependent_hysteresis_is_no_lag_of_the_measurement(answer):
+    found = named(answer('rate_dependent_hysteresis'))
+    assert 'rate_dependent_hysteresis' in found
+    assert not found & LAGS
+
+
+def test_nothing_is_concluded_from_a_scale_that_nobody_knows(answer):
+    diagnosis = answer('rate_dependent_hysteresis')
+    assert 'sensor_gain' in diagnosis['isolability']['undetectable']
+    assert diagnosis['calibration']['displacement_scale']['nominal'] == 1.0
+
+
+@pytest.mark.parametrize('scale', [3.1e5, -2.0, 7e-3])
+def test_a_displacement_of_any_scale_and_sign_gets_the_size_of_the_device(scale):
+    device = Device.nominal()
+    run = programmes.triangle(rate=2e3)
+    moved = simulate(device, run.time, run.command).displacement
+    given = run.replace(measured={'displacement': scale * moved}, arbitrary=True)
+    checked, findings = preflight(RecordingSet('set', (given,)), device)
+    ratio = checked['triangle'].measured['displacement'] / np.where(moved, moved, np.inf)
+    assert np.ptp(ratio[moved > 1e-6]) < 1e-9
+    assert 0.5 < np.median(ratio[moved > 1e-6]) < 2.0
+    assert any('units of its own' in str(each) for each in findings)
+
+
+def test_only_a_displacement_can_be_arbitrary():
+    assert is_displacement_arbitrary(['displacement=arbitrary'])
+    assert parse_units(['displacement=arbitrary', 'charge=uC']) == {'charge': pytest.approx(1e-6)}
+    with pytest.raises(InputError, match='charge.*arbitrary.*no unit of it'):
+        parse_units(['charge=arbitrary'])
