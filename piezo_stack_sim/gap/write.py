@@ -11,6 +11,7 @@ from piezo_stack_sim.gap.diagnose import diagnose_set
 from piezo_stack_sim.gap.report import write_report
 from piezo_stack_sim.gap.storage import write_diagnosis
 from piezo_stack_sim.plant import load_device, save_device
+from piezo_stack_sim.plant.compilation import compile_kernels
 from piezo_stack_sim.recording.read import read_set
 
 
@@ -46,6 +47,8 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     device = load_device(params)
     progress('reading the recordings')
     recordings = read_set(list(paths), mapping=mapping, units=units)
+    progress('compiling the plant, once on a machine')
+    compile_kernels()
     found = diagnose_set(recordings, device, progress)
     diagnosis, corrected = found.document, found.device
     diagnosis['how']['settings']['seconds'] = round(found.seconds, 1)

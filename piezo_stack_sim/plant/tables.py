@@ -44,8 +44,8 @@ class Tables:
         short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
                           for level, tick in zip(self.levels.tolist(), self.tick)])
         self._run = ideal.run
-        self._arguments = (system.k, system.v_break, system.r, ratio, cap, voltage_driven,
-                           clamped, *constants, self.tick, self.levels, short, row)
+        self.arguments = (system.k, system.v_break, system.r, ratio, cap, voltage_driven,
+                          clamped, *constants, self.tick, self.levels, short, row)
 
     def _prepare_general(self, n_classes: int) -> None:
         system = self.system
@@ -57,7 +57,7 @@ class Tables:
         tables = np.zeros((modes * n_classes * (int(self.levels.max()) + 1),
                            n + layout.N_AHEAD, columns))
         self._run = kernel.run
-        self._arguments = (
+        self.arguments = (
             system.k, system.v_break, system.r, system.real, system.ints, system.rates,
             system.opposing, system.reading, self.tick, self.levels,
             np.zeros((modes, n_classes), dtype=np.int64), np.zeros(modes, dtype=np.bool_), tables,
@@ -65,7 +65,7 @@ class Tables:
 
     def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
         """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
-        if self._run(seg_class, seg_ticks, u, force, rows, reads, *state, *self._arguments, out,
+        if self._run(seg_class, seg_ticks, u, force, rows, reads, *state, *self.arguments, out,
                      read):
             raise InputError('the device left the finite numbers; the command, the force or a '
                              'parameter is beyond anything a stack can follow')
