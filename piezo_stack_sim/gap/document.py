@@ -1,0 +1,168 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A diagnosis as ``diagnosis.json`` wants it (DESIGN.md): where, which, how far."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+import math
+
+import numpy as np
+
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap import blackbox, where
+from piezo_stack_sim.gap.candidates import Search
+from piezo_stack_sim.gap.decision import count, Decision
+from piezo_stack_sim.gap.evidence import Evidence
+from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
+from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.report_parts import (
+    calibration_part, cause_part, gap_part, records_part, shrinkage_part)
+from piezo_stack_sim.gap.score import Judge
+from piezo_stack_sim.gap.verdict import probabilities, Ranked, Thresholds, Verdict
+
+PAIRS_SHOWN = 5
+
+
+def build_document(name: str, findings, fitter: Fitter, search: Search, decision: Decision,
+                   before: list[dict], after: list[dict], flexible: np.ndarray,
+                   thresholds: Thresholds) -> dict:
+    """
+    Return the diagnosis as plain data.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording set.
+    findings : list of Finding
+        What preflight said.
+    fitter : Fitter
+        Of the set.
+    search : Search
+        All that was fitted.
+    decision : Decision
+        What followed.
+    before, after : list of dict
+        Channel to (n,) array for each recording, from the file as given and as corrected.
+    flexible : ndarray, shape (N,)
+        Residual that a flexible correction leaves.
+    thresholds : Thresholds
+        What was learned on the development set.
+
+    """
+    evidence, judge, verdict = fitter.evidence, decision.judge, decision.verdict
+    chosen = decision.chosen(search)
+    return {
+        'schema': 'piezo_stack_sim/diagnosis/1',
+        'verdict': verdict.word,
+        'confidence': float(min(max(verdict.confidence, 0.0), 1.0)),
+        'reason': verdict.reason,
+        'name': name,
+        'records': records_part(evidence),
+        'preflight': [asdict(finding) for finding in findings],
+        'gap': gap_part(evidence, before),
+        'where': _where_part(fitter, search, verdict, decision.singles),
+        'isolability': {'classes': decision.alike.classes,
+                        'undetectable': decision.alike.unseen},
+        'calibration': calibration_part(fitter, search.nominal),
+        'causes': _causes(fitter, search, decision, thresholds),
+        'selected': list(verdict.selected),
+        'ambiguity_set': list(verdict.tie),
+        'shrinkage': shrinkage_part(evidence, fitter.base, chosen.residual, flexible,
+                                    blackbox.placebo_corrections(evidence, fitter.base)),
+        'remaining': {'gap': gap_part(evidence, after),
+                      'structured': judge.structure(chosen.residual) > thresholds.excess},
+        'next_experiment': None,
+        'warnings': _warnings(chosen, verdict),
+        'baselines': _baselines(decision.singles, search, fitter, judge),
+        'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
+                'steps': _steps(evidence, search)},
+    }
+
+
+def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[Ranked]) -> dict:
+    """Return where the gap is, with the model cut at its ports."""
+    evidence = fitter.evidence
+    behind = next((EFFECTS[n].block for n in (*verdict.selected, *(r.name for r in singles[:1]))
+                   if EFFECTS[n].block in where.BEHIND_CHARGE), None)
+    tuned = fitter.device_with({}, search.nominal.phi)
+    cuts = where.block_residuals(
+        tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]))
+    fractions, blocks = where.shares(cuts, behind, 'charge' in evidence.channels)
+    records, channels = where.by_record(evidence, fitter.base)
+    return {
+        'block': _block(verdict, fractions, singles), 'shares': fractions, 'blocks': blocks,
+        'channels': channels, 'bands': where.by_band(evidence, fitter.base),
+        'regimes': where.by_regime(evidence, fitter.base), 'records': records}
+
+
+def _causes(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds
+            ) -> list[dict]:
+    """Return every effect, best first, then the best pairs."""
+    verdict, nominal = decision.verdict, search.nominal
+    chance = verdict.single * probabilities(decision.singles, thresholds)
+    ranked = [*zip(decision.singles, chance.tolist()),
+              *((pair, _pair_chance(verdict, pair)) for pair in decision.pairs[:PAIRS_SHOWN])]
+    return [cause_part(each, search.fits[each.name], chance, decision.judge, nominal, fitter)
+            for each, chance in ranked]
+
+
+def _pair_chance(verdict, ranked: Ranked) -> float:
+    chosen = verdict.word == 'MULTIPLE' and set(ranked.name.split('+')) == set(verdict.selected)
+    return verdict.confidence if chosen else 0.0
+
+
+def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:
+    if verdict.word == 'NO_GAP':
+        return None
+    if verdict.selected:
+        return EFFECTS[verdict.selected[0]].block
+    if fractions and max(fractions.values()) > 0.0:
+        return max(fractions, key=lambda block: fractions[block])
+    return EFFECTS[singles[0].name].block
+
+
+def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
+    """Return what simpler ways of deciding would have answered, for the benchmark."""
+    n = fitter.rows.size
+    names = [r.name for r in singles]
+    lowest = min(names, key=lambda name: search.fits[name].cost)
+    bic = min(names, key=lambda name: search.fits[name].cost
+              + count(search.fits[name]) * math.log(n))
+    fall = search.nominal.cost - search.fits[bic].cost
+    bic_gap = fall > count(search.fits[bic]) * math.log(n)
+    white = float(np.max(judge.powers(search.nominal.residual))) > 1.1
+    return {
+        'lowest_error': {'verdict': 'CAUSE', 'effect': lowest},
+        'bic': {'verdict': 'CAUSE' if bic_gap else 'NO_GAP', 'effect': bic if bic_gap else None},
+        'whiteness': {'verdict': 'CAUSE' if white else 'NO_GAP',
+                      'effect': lowest if white else None},
+    }
+
+
+def _warnings(fit: Fit, verdict) -> list[str]:
+    notes = []
+    if fit.line is not None and len(fit.line.phases) > 1:
+        notes.append(f'the phase of {TONE} is another in every recording: a corrected device '
+                     'swings as much, but not in step with the real one')
+    for free in fit.free:
+        value = fit.effects[free.effect][free.parameter.name]
+        span = free.limits[1] - free.limits[0]
+        place = free.to_walk(value)
+        if min(place - free.limits[0], free.limits[1] - place) < 1e-3 * span:
+            notes.append(f'{free.effect}.{free.parameter.name} is stuck at its bound '
+                         f'({value:.4g} {free.parameter.unit}): distrust it')
+    return notes
+
+
+def _steps(evidence: Evidence, search: Search) -> list[str]:
+    simulations = search.nominal.simulations + sum(f.simulations for f in search.fits.values())
+    return [
+        'preflight of the recordings',
+        'simulation of the parameter file as given; noise from differences and repeats',
+        'nominal parameters re-tuned within relative_uncertainty',
+        f'{len([n for n in search.fits if "+" not in n])} effects and '
+        f'{len([n for n in search.fits if "+" in n])} pairs fitted by simulation error on '
+        f'alternating stretches ({simulations} simulations of the set)',
+        'hypotheses judged on the stretches that were withheld',
+    ]
