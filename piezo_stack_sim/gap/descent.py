@@ -98,8 +98,9 @@ class Place(NamedTuple):
 
 
 def sum_of_squares(*vectors: np.ndarray) -> float:
-    """Return the sum of squares of all entries."""
-    return float(sum(vector @ vector for vector in vectors))
+    """Return the sum of squares of all entries; infinite for a simulation that ran away."""
+    with np.errstate(over='ignore'):
+        return float(sum(vector @ vector for vector in vectors))
 
 
 def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Slope | None,
