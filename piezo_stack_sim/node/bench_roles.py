@@ -37,6 +37,7 @@ def device(rate: float, actuators: int = 1, stepping: str = 'wall') -> dict:
 def bare(rate: float, publish: bool = True) -> dict:
     """Run a plain rclpy node whose timer publishes the same messages; note its ticks (ns)."""
     import rclpy
+    from rclpy._rclpy_pybind11 import RCLError
     from rclpy.clock import Clock, ClockType
     from rclpy.executors import ExternalShutdownException
     from sensor_msgs.msg import JointState
@@ -53,7 +54,7 @@ def bare(rate: float, publish: bool = True) -> dict:
 
     def tick():
         ticks.append(time.monotonic_ns())
-        if publish:
+        if publish and node.context.ok():
             value.data = 1e-9 * len(ticks)
             state.position[0] = state.velocity[0] = state.effort[0] = value.data
             state.header.stamp = clock.now().to_msg()
@@ -71,6 +72,9 @@ def bare(rate: float, publish: bool = True) -> dict:
             executor.spin_once(1.0)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:
+        if node.context.ok():  # else the signal to end came between two messages of a tick
+            raise
     return {'ticks': ticks[:RESERVE]}
 
 
