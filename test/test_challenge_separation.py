@@ -14,7 +14,7 @@ FOLDER = Path(piezo_stack_sim.__file__).parent / 'challenge'
 MODULES = sorted(path.stem for path in FOLDER.glob('*.py'))
 #: What the folder may use of the package besides itself: nothing of it knows any physics.
 ALLOWED = {'piezo_stack_sim.atomic', 'piezo_stack_sim.challenge', 'piezo_stack_sim.errors',
-           'piezo_stack_sim.plotting'}
+           'piezo_stack_sim.plotting', 'piezo_stack_sim.spread'}
 
 
 def imported(path):

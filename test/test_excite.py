@@ -222,9 +222,10 @@ def test_by_wall_time_rows_carry_stamps_and_the_commands_that_act_from_them(wall
         span = np.ptp(recording.measured[channel])
         gap = np.abs(recording.measured[channel] - getattr(answer, channel))
         assert np.nanmedian(gap) < 2e-3 * span, channel
-    # A command acts from its row on and shows at the next one.
-    shown = np.abs(recording.measured['voltage'][1:] - recording.command[:-1]) < 1e-9
-    assert shown.mean() > 0.8
+    # A command acts from its row on and shows at the next one, where the machine was in time.
+    voltage, command, rows = recording.measured['voltage'], recording.command, len(recording) - 2
+    shown = [np.mean(np.abs(voltage[lag:][:rows] - command[:rows]) < 1e-9) for lag in range(3)]
+    assert shown[1] > 0.5 and shown[1] > 2.0 * max(shown[0], shown[2])
 
 
 def test_ctrl_c_keeps_what_was_recorded_and_ramps_down(wall_device, tmp_path):
