@@ -16,6 +16,7 @@ from piezo_stack_sim.node.parameters import DeviceParameters
 from piezo_stack_sim.node.schedule import Schedule, SECOND
 from piezo_stack_sim.node.simulation_clock import SimulationClock
 from piezo_stack_sim.plant import Plant, Sample
+from piezo_stack_sim.plant.compilation import compile_kernels
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import ROSClock
 from rclpy.node import Node
@@ -84,6 +85,7 @@ class ActuatorNode(Node):
 
     def _build(self, clock: SimulationClock) -> None:
         device = self._parameter_table.device
+        compile_kernels()  # before the first plant would compile them one after the other
         self.plant = Plant(device)
         self.schedule = Schedule(device.rate)
         self.lockstep = device.stepping == 'lockstep'

@@ -157,9 +157,7 @@ def _serve(nodes, options: argparse.Namespace, began: float,
            when_ready: Callable[[], object]) -> None:
     from piezo_stack_sim.node import realtime
     from piezo_stack_sim.node.loop import Loop, make_executor
-    from piezo_stack_sim.plant.compilation import compile_kernels
     log = nodes[0].get_logger()
-    compile_kernels()
     for node in nodes:
         _warm_up(node.plant.device)
     realtime.sharpen_timers()

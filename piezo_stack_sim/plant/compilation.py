@@ -31,23 +31,32 @@ def compile_kernels() -> None:
     """Make sure that both kernels are compiled; where they are, this takes no time."""
     if _is_on_disk():
         return
-    helper = subprocess.Popen([sys.executable, '-m', __name__], stdout=subprocess.DEVNULL,
-                              stderr=subprocess.DEVNULL)
-    try:
-        Plant(Device.nominal()).advance(1e-9)
-        _compile_events()
-        helper.wait()
-    finally:
-        helper.kill()
-    Plant(_with_states()).advance(1e-9)
+    with subprocess.Popen([sys.executable, '-m', __name__], stdout=subprocess.PIPE,
+                          stderr=subprocess.DEVNULL) as helper:
+        try:
+            _compile_ports()
+            _compile_events()
+            assert helper.stdout is not None
+            helper.stdout.readline()  # the modes are on disk, or the helper has ended
+            Plant(_with_states()).advance(1e-9)
+            helper.wait()
+        finally:
+            helper.kill()
+    Plant(Device.nominal()).advance(1e-9)
 
 
-def compile_algebra() -> None:
-    """Compile what sets up modes and settles ports: about half of the general kernel."""
-    arrays, (k, v_break, r, real, ip, rates, opposing, reading, *rest) = _arguments()
+def help_compiling() -> None:
+    """Compile what sets up modes, say so, then the kernel of the ideal stack."""
+    _, (k, _, _, real, ip, rates, opposing, reading, *rest) = _arguments()
     (tick, levels, short, _, tables, watch, omegas, dampings) = rest
     build_mode(0, real, ip, k, rates, opposing, reading, tick, levels, short, tables, watch,
                omegas, dampings)
+    print('modes', flush=True)
+    Plant(Device.nominal()).advance(1e-9)
+
+
+def _compile_ports() -> None:
+    arrays, (k, v_break, r, real, ip, _, opposing, *_) = _arguments()
     settle(arrays.s, arrays.inputs, arrays.flags, arrays.p, r, k, v_break, real, ip, opposing,
            arrays.memory)
     switch(np.zeros(layout.N_WATCHED), arrays.s, arrays.inputs, arrays.flags, arrays.p, r, k,
@@ -91,4 +100,4 @@ def _is_on_disk() -> bool:
 
 
 if __name__ == '__main__':
-    compile_algebra()
+    help_compiling()
