@@ -3,6 +3,8 @@
 """Claims about the parts of the node that need no DDS."""
 
 import math
+import os
+import signal
 import time
 
 from piezo_stack_sim.plant.parameters import Device, parameter_specs
@@ -13,11 +15,13 @@ pytest.importorskip('rclpy')
 from builtin_interfaces.msg import Time  # noqa: E402, I100
 from piezo_stack_sim.node import realtime  # noqa: E402
 from piezo_stack_sim.node.commands import CommandIntake, News, Tally, Watchdog  # noqa: E402
+from piezo_stack_sim.node.interrupts import attach, interruptible  # noqa: E402
 from piezo_stack_sim.node.messages import ClockTopic, FloatTopic, StateTopic  # noqa: E402
 from piezo_stack_sim.node.parameters import descriptor, flat  # noqa: E402
 from piezo_stack_sim.node.schedule import NEVER, Schedule, SECOND  # noqa: E402
 from piezo_stack_sim.node.simulation_clock import SimulationClock  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from rclpy.signals import uninstall_signal_handlers  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64, Header  # noqa: E402
@@ -191,3 +195,37 @@ def test_a_state_that_leaves_the_finite_numbers_is_taken_back():
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+class InterruptedExecutor:
+    """Stands for an executor during whose registration of a node a signal comes."""
+
+    def __init__(self, number):
+        self.number = number
+        self.done = []
+
+    def add_node(self, node):
+        self.done.append(node)
+
+    def spin_once(self, timeout):
+        os.kill(os.getpid(), self.number)
+        self.done.append('taken in')
+
+    def shutdown(self):
+        self.done.append('shut down')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_waits_until_the_executor_has_taken_its_nodes_in(number):
+    executor, before = InterruptedExecutor(number), signal.getsignal(number)
+    try:
+        with interruptible():
+            with pytest.raises(KeyboardInterrupt):
+                attach(executor, ['node'])
+            with pytest.raises(KeyboardInterrupt), interruptible():
+                os.kill(os.getpid(), number)  # before there is an executor: at once
+                time.sleep(1.0)
+    finally:
+        uninstall_signal_handlers()
+    assert executor.done == ['node', 'taken in', 'shut down']
+    assert signal.getsignal(number) == before

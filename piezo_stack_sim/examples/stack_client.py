@@ -11,11 +11,13 @@ from typing import Any, cast
 
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.node.asking import ask
+from piezo_stack_sim.node.interrupts import attach, interruptible
 from rcl_interfaces.msg import ParameterType
 import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -59,7 +61,7 @@ class StackClient:
         self._device = device
         self._node = Node(f'{drive}_controller')
         self._executor = make_executor()
-        self._executor.add_node(self._node)
+        attach(self._executor, [self._node])
         self._state: Any = None  # the newest JointState
         self._start = 0.0  # stamp of sample 0, s
         self._node.create_subscription(JointState, f'{device}/state', self._on_state, 10)
@@ -200,9 +202,22 @@ class StackClient:
 
 
 def in_ros(arguments: list[str] | None, task: Callable[[], None]) -> None:
-    """Run a task with ROS initialised."""
-    rclpy.init(args=arguments)
-    try:
-        task()
-    finally:
-        rclpy.try_shutdown()
+    """
+    Run a task with ROS initialised.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ROS was shut down meanwhile, by Ctrl-C or SIGTERM.
+
+    """
+    with interruptible():
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            task()
+        except Exception:  # of many kinds, depending on what ROS was needed for
+            if rclpy.ok():
+                raise
+            raise KeyboardInterrupt from None
+        finally:
+            rclpy.try_shutdown()

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import json
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 import tempfile
@@ -87,10 +86,10 @@ class _Role:
             raise InputError('bench: this needs /proc, that is Linux') from None
         return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
-    def finish(self, interrupt: bool = True) -> dict:
-        """End the process; return what it found."""
-        if interrupt:
-            self._process.send_signal(signal.SIGINT)
+    def finish(self, terminate: bool = True) -> dict:
+        """End the process, or wait until it does; return what it found."""
+        if terminate:
+            self._process.terminate()
         try:
             output, errors = self._process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
@@ -210,7 +209,7 @@ def lockstep_speed(exchanges: int = 5000, burst: int = 500) -> Lockstep:
             roles.append(device)
             client = _Role('client', environment, exchanges=exchanges, burst=burst)
             roles.append(client)
-            found = client.finish(interrupt=False)
+            found = client.finish(terminate=False)
         finally:
             for role in roles:
                 role.kill()

@@ -5,7 +5,7 @@ The processes that the benchmark of the node runs: device, bare publisher, clien
 
     python -m piezo_stack_sim.node.bench_roles ROLE JSON
 
-Each says ``ready`` on stdout, works until SIGINT (the client until it is done),
+Each says ``ready`` on stdout, works until SIGTERM (the client until it is done),
 and prints what it found as one line of JSON.
 """
 
@@ -70,7 +70,7 @@ def bare(rate: float, publish: bool = True) -> dict:
         while rclpy.ok():
             # Not spin(): with the wheels it is a busy wait, see ActuatorNode's loop.
             executor.spin_once(1.0)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except RCLError:
         if node.context.ok():  # else the signal to end came between two messages of a tick
@@ -100,7 +100,7 @@ def listener(topics: list[str]) -> dict:
     try:
         while rclpy.ok():
             executor.spin_once(1.0)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     return {'heard': count[0]}
 

@@ -36,7 +36,7 @@ def make_executor(name: str = 'auto'):
 
 class Loop:
     """
-    Runs nodes in this thread until the ROS context is shut down.
+    Runs the nodes of an executor in this thread until the ROS context is shut down.
 
     A tick that is due goes before messages that wait; when ticks alone fill the
     time, messages still get a turn between two of them.
@@ -49,8 +49,6 @@ class Loop:
         self._status = status
         self._shown = False
         self._wake = NEVER
-        for node in nodes:
-            executor.add_node(node)
 
     def run(self) -> None:
         """Run until the context is shut down, as rclpy does on SIGTERM."""

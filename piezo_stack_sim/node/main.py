@@ -10,6 +10,7 @@ import sys
 import time
 
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.node.interrupts import attach, interruptible
 
 _DESCRIPTION = """\
 A virtual piezoelectric stack actuator with the topics of a real one's driver.
@@ -128,12 +129,18 @@ def run(arguments: list[str], when_ready: Callable[[], object] = lambda: None) -
         If an argument or a parameter is wrong.
 
     """
+    with interruptible():
+        _run(arguments, when_ready)
+
+
+def _run(arguments: list[str], when_ready: Callable[[], object]) -> None:
     began = time.monotonic()
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
     try:
         options = _arguments(remove_ros_args(['piezo_stack_node', *arguments])[1:])
-        rclpy.init(args=arguments)
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         raise _reason(error, _given(arguments, '--params-file')) from None
     nodes = []
@@ -143,8 +150,8 @@ def run(arguments: list[str], when_ready: Callable[[], object] = lambda: None) -
     except KeyboardInterrupt:
         pass
     except Exception:
-        # A signal while the nodes are made shuts ROS down under them, and whatever needs it
-        # next complains: that is the end that was asked for, not a fault.
+        # A signal shuts ROS down, and whatever needs it next complains: that is the end that
+        # was asked for, not a fault.
         if rclpy.ok():
             raise
     finally:
@@ -166,10 +173,9 @@ def _serve(nodes, options: argparse.Namespace, began: float,
     if options.lock_memory:
         _warn(log, realtime.lock_memory())
     executor = make_executor(options.executor)
+    attach(executor, nodes)
     loop = Loop(nodes, executor, options.status)
     realtime.quiet_collector()
-    if not nodes[0].context.ok():  # a signal has come meanwhile: do not claim to be ready
-        return
     for node in nodes:
         device = node.plant.device
         node.get_logger().info(

@@ -1,0 +1,83 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What Ctrl-C and SIGTERM do to a process that talks ROS.
+
+Until an executor has nodes they raise `KeyboardInterrupt`, which ends even a long
+start at once.  From then on they shut the ROS context down and raise nothing: inside
+a callback of the events executor, which is C++, an exception from nowhere aborts the
+process.  So does a context that goes away while that executor takes its nodes in,
+which is why ROS gets to hear of signals only after that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import signal
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_REGISTRATION = 0.01  # s; nothing waits that long unless there is nothing to take in
+
+
+class _Answer:
+    """The handler: an exception at first, a note once there is an executor."""
+
+    def __init__(self) -> None:
+        self.deferred = False
+        self.came = False
+
+    def __call__(self, number, frame) -> None:
+        self.came = True
+        if not self.deferred:
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """
+    Answer signals as this module says, with ROS initialised inside and without its handlers.
+
+    Outside the main thread, where signals do not arrive, nothing changes.
+
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    answer = _Answer()
+    before = {number: signal.signal(number, answer) for number in _SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def attach(executor: Executor, nodes: Sequence[Node]) -> None:
+    """
+    Give nodes to an executor; from then on a signal shuts ROS down.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If a signal came meanwhile.
+
+    """
+    from rclpy.signals import install_signal_handlers
+    answer = signal.getsignal(signal.SIGINT)
+    if isinstance(answer, _Answer):
+        answer.deferred = True
+    for node in nodes:
+        executor.add_node(node)
+    executor.spin_once(_REGISTRATION)
+    if isinstance(answer, _Answer):
+        install_signal_handlers()
+        if answer.came:
+            executor.shutdown()
+            raise KeyboardInterrupt
