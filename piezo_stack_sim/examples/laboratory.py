@@ -5,7 +5,8 @@ Recordings as they come from a laboratory: a stage whose charge nobody measured.
 
 The controller's output in volts, an amplifier with a gain in between, a position sensor in volts
 of unknown scale that drifts, everything at 10 kHz in one CSV per run. One thing is not as it
-should be; --secret says which, or chance does.
+should be; --secret says which, or chance does. The stage is one of the blind benchmark's devices:
+it shares no physics with the simulation.
 
 """
 
@@ -16,9 +17,9 @@ from pathlib import Path
 import sys
 
 import numpy as np
+from piezo_stack_sim.challenge.device import Programme, respond, Unit
+from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.plant import simulate
-from piezo_stack_sim.plant.parameters import Device
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import Recording
 
@@ -27,11 +28,11 @@ AMPLIFIER = 15.0  # V/V
 SENSOR = 3.1e5  # V/m
 NOISE, DRIFT = 8e-4, 5e-4  # V rms, V/s: it warms up
 BITS = 16  # over +-10 V
-STAGE = {'mass': 6.0, 'damping': 2500.0, 'stiffness': 3e6}  # resonance: some hundred hertz
+TABLE = {'m': 6.0, 'b': 2500.0, 'k': 3e6}  # kg, N s/m, N/m: resonance at some hundred hertz
 SECRETS = {
-    'sensor_lag': {'time_constant': 3e-4},
-    'rate_dependent_hysteresis': {'resistance': 0.0, 'dispersion': 0.03},
-    'creep': {'gain_per_decade': 0.015},
+    'sensor_lag': {'time_constant': 3e-4, 'second': 0.2},
+    'rate_dependent_hysteresis': {'growth': 0.05, 'reference': 1e-2},
+    'creep': {'per_decade': 0.015, 'onset': 3e-3},
 }
 
 
@@ -47,14 +48,13 @@ def runs() -> dict[str, Recording]:
     return shapes
 
 
-def stage(secret: str) -> Device:
+def stage(secret: str) -> Unit:
     """Return the stage with its secret: a stack unlike the paper's under a heavy table."""
-    actuator = Device.nominal().actuator
-    stack = {'linear_capacitance': 0.93 * actuator.linear_capacitance,
-             'maxwell_stiffness': tuple(1.12 * k for k in actuator.maxwell_stiffness),
-             'maxwell_break_voltage': tuple(1.07 * v for v in actuator.maxwell_break_voltage)}
-    return Device.nominal().replace(actuator=stack, load=STAGE).with_effects(
-        {secret: SECRETS[secret]} if secret else {})
+    stack = Unit().stack
+    unit = Unit().change(stack={
+        'C': 0.93 * stack.C, 'K': 1.12 * stack.K, 'V': 1.07 * stack.V,
+        **{name: getattr(stack, name) + value for name, value in TABLE.items()}})
+    return KNOWN[secret].apply(unit, **SECRETS[secret]) if secret else unit
 
 
 def write(folder: Path, secret: str = '', seed: int = 1) -> None:
@@ -75,7 +75,8 @@ def write(folder: Path, secret: str = '', seed: int = 1) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     step = 20.0 / 2 ** BITS
     for name, run in runs().items():
-        moved = simulate(stage(secret), run.time, run.command).displacement
+        moved = respond(stage(secret), Programme(
+            name, run.time, run.command, run.external_force))['displacement']
         read = (SENSOR * moved + random.normal(0.0, 0.5) + NOISE * random.standard_normal(len(run))
                 + DRIFT * run.time)
         np.savetxt(folder / f'{name}.csv', np.column_stack(
