@@ -5,7 +5,9 @@
 import numpy as np
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
+from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.verdict import decide, probabilities, Ranked
+from piezo_stack_sim.gap.where import last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet
@@ -263,3 +265,26 @@ def test_the_experiment_that_is_proposed_decides_between_what_was_tied(diagnosed
     after = diagnose_set(more, device, traces=False).document
     assert 'sensor_nonlinearity' in after['ambiguity_set']
     assert len(after['ambiguity_set']) < len(answer['ambiguity_set'])
+
+
+@pytest.mark.parametrize('causes, channels, block', [
+    (['rate_dependent_hysteresis'], ('displacement',), 'electrical'),
+    (['rate_dependent_hysteresis'], ('charge', 'displacement'), 'sensor'),
+    (['amplifier_gain'], ('displacement',), 'drive'),
+    (['amplifier_gain'], ('voltage', 'displacement'), 'sensor'),
+    ([], ('displacement',), 'sensor'),
+])
+def test_the_last_cut_is_named_after_a_cause_that_it_can_hold(causes, channels, block):
+    """Without charge all behind the voltage is one cut, without voltage all behind the command."""
+    assert last_cut(causes, 'sensor_lag', channels) == block
+    _, blocks = shares([{'behind': (np.ones(10), 0.1)}], block, channels)
+    begins = next((port for port in ('charge', 'voltage') if port in channels), 'command')
+    assert (blocks[block]['from'], blocks[block]['to']) == ([begins], 'displacement')
+
+
+def test_a_free_scale_comes_on_top_of_a_known_gain(device):
+    known = device.with_effects({'sensor_gain': {'gain_error': 0.5}})
+    free = Nuisance(known, scale_free=True)
+    phi = np.zeros(len(free.names))
+    phi[-1] = 0.1
+    assert free.apply(known, phi).effects['sensor_gain']['gain_error'] == pytest.approx(0.65)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from piezo_stack_sim.recording.magnitude import arbitrary_factor, give_size
 from piezo_stack_sim.recording.recording import Recording
 
 
@@ -33,16 +34,5 @@ def sized(recordings: Sequence[Recording], simulated: Sequence[dict[str, np.ndar
         Those whose displacement is in metres stay as they are.
 
     """
-    above = below = 0.0
-    for recording, answer in zip(recordings, simulated):
-        if recording.arbitrary and 'displacement' in recording.measured:
-            given = recording.measured['displacement']
-            given = given - given.mean()
-            above += float(given @ (answer['displacement'] - answer['displacement'].mean()))
-            below += float(given @ given)
-    if not above > 0.0:
-        return tuple(recordings)
-    return tuple(
-        each.replace(measured={**each.measured, 'displacement':
-                               above / below * each.measured['displacement']})
-        if each.arbitrary and 'displacement' in each.measured else each for each in recordings)
+    factor = arbitrary_factor(recordings, simulated)
+    return tuple(give_size(each, factor)[0] for each in recordings)

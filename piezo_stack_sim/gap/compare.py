@@ -47,7 +47,7 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
         (track.measured[c] - track.average(answer[c])) / track.sigma[c]
         for track, answer in zip(evidence.tracks, simulated) for c in track.channels])
     cuts = where.block_residuals(device, evidence, simulated)
-    fractions, blocks = where.shares(cuts, None, 'charge' in evidence.channels)
+    fractions, blocks = where.shares(cuts, None, evidence.channels)
     records, channels = where.by_record(evidence, residual)
     biggest = None
     if any(fractions.values()):

@@ -14,26 +14,13 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import Search, search_partners
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter
-from piezo_stack_sim.gap.isolability import isolability
+from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.starts import Extent
 from piezo_stack_sim.gap.verdict import decide, Ranked, Thresholds, Verdict
 
 BASES = 2  # single effects from which pairs are tried
 RIVAL = 0.7  # part of the best gain from which a second one is tried
-
-
-@dataclass(frozen=True)
-class Alike:
-    """
-    What these recordings cannot see or tell apart.
-
-    ``classes`` of effects that look alike, ``unseen`` ones, ``kin`` that resemble each other.
-    """
-
-    classes: list[list[str]]
-    unseen: list[str]
-    kin: set[frozenset[str]]
 
 
 @dataclass(frozen=True)
@@ -106,8 +93,7 @@ def search_pairs(fitter: Fitter, extent: Extent, search: Search, judge: Judge,
                  thresholds: Thresholds, progress: Callable[[str], None]) -> None:
     """Fit second effects beside the best, where these leave something that they could explain."""
     singles = _singles(search, judge, Removable(judge.evidence, search.nominal.residual))
-    left = float(np.max(judge.powers(search.fits[singles[0].name].residual))) - 1.0
-    if singles[0].gain > thresholds.detect and left > thresholds.leftover:
+    if singles[0].gain > thresholds.detect and singles[0].excess > thresholds.leftover:
         for ranked in singles[:BASES]:
             if ranked.gain > RIVAL * singles[0].gain:
                 search_partners(fitter, extent, search, ranked.name, progress)
@@ -115,11 +101,6 @@ def search_pairs(fitter: Fitter, extent: Extent, search: Search, judge: Judge,
 
 def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
     return rank([n for n in search.fits if '+' not in n], search, judge, removable)
-
-
-def alike_of(fitter: Fitter, search: Search) -> Alike:
-    """Return what the recordings cannot see or tell apart."""
-    return Alike(*isolability(fitter, search))
 
 
 def decide_search(search: Search, judge: Judge, ceiling: float, alike: Alike,

@@ -86,7 +86,7 @@ class Landscape:
         return columns
 
 
-class Place(NamedTuple):
+class End(NamedTuple):
     """Where a descent has come to, with the derivative (N, n + p) there."""
 
     walk: np.ndarray
@@ -104,7 +104,7 @@ def sum_of_squares(*vectors: np.ndarray) -> float:
 
 
 def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Slope | None,
-            steps: int) -> Place:
+            steps: int) -> End:
     """
     Walk downhill.
 
@@ -121,7 +121,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
 
     Returns
     -------
-    Place
+    End
 
     """
     residual = landscape.residual(walk, phi)
@@ -172,7 +172,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
             stale = True
         fresh = False
     jacobian = np.column_stack([effect, nominal.whole]) if n else nominal.whole
-    return Place(walk, phi, residual, cost, jacobian, used)
+    return End(walk, phi, residual, cost, jacobian, used)
 
 
 def _quadratic(landscape: Landscape, effect: np.ndarray, nominal: Slope, residual: np.ndarray

@@ -19,11 +19,12 @@ from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.candidates import polish, Search, search_singles
 from piezo_stack_sim.gap.decision import (
-    alike_of, count, decide_search, Decision, Removable, search_pairs)
+    count, decide_search, Decision, Removable, search_pairs)
 from piezo_stack_sim.gap.document import build_document
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
+from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.starts import extent_of
 from piezo_stack_sim.gap.verdict import DEFAULTS, Thresholds
@@ -122,7 +123,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
-    alike = alike_of(fitter, search)
+    alike = isolability(fitter, search)
     decision = decide_search(search, judge, ceiling, alike, thresholds)
     verdict, chosen = decision.verdict, decision.chosen(search)
     progress('writing it up')

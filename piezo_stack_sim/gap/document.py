@@ -83,12 +83,11 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
 def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[Ranked]) -> dict:
     """Return where the gap is, with the model cut at its ports."""
     evidence = fitter.evidence
-    behind = next((EFFECTS[n].block for n in (*verdict.selected, *(r.name for r in singles[:1]))
-                   if EFFECTS[n].block in where.BEHIND_CHARGE), None)
+    last = where.last_cut(verdict.selected, singles[0].name, evidence.channels)
     tuned = fitter.device_with({}, search.nominal.phi)
     cuts = where.block_residuals(
         tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]))
-    fractions, blocks = where.shares(cuts, behind, 'charge' in evidence.channels)
+    fractions, blocks = where.shares(cuts, last, evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
     return {
         'block': _block(verdict, fractions, singles), 'shares': fractions, 'blocks': blocks,

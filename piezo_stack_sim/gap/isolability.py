@@ -11,32 +11,49 @@ effect points.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.fit import Fitter
 
 SEEN = 5.0  # length of a direction, in standard deviations, that counts as seen
+LINEAR = 1e-3  # part of a direction that a linear look at re-tuning may wrongly leave of it
 KIN = 0.9  # part of a direction that lies among those of another effect, its kin
 ALIKE = 0.985  # cosine between directions from which two effects count as one
 
 
-def isolability(fitter: Fitter, search: Search
-                ) -> tuple[list[list[str]], list[str], set[frozenset[str]]]:
+@dataclass(frozen=True)
+class Alike:
     """
-    Return the classes of effects that look alike, the undetectable ones, and pairs of kin.
+    What recordings cannot see or tell apart.
 
-    Kin resemble each other: what the form of one misses, the other may fill in.
+    ``classes`` of effects that look alike, ``unseen`` ones, and ``kin``: pairs that
+    resemble each other, so that what the form of one misses the other may fill in.
+    """
+
+    classes: list[list[str]]
+    unseen: list[str]
+    kin: set[frozenset[str]]
+
+
+def isolability(fitter: Fitter, search: Search) -> Alike:
+    """
+    Return which effects a set of recordings cannot see or tell apart.
 
     Directions are those of a typical strength of each effect, cleared of what
     re-tuning the nominal parameters can imitate.
     """
     names, directions, spaces, unseen = [], [], [], []
     for name, probes in search.probes.items():
+        whole = [direction for probe in probes if probe.direction is not None
+                 for direction in probe.direction.T]
         clear = [direction for probe in probes if probe.direction is not None
                  for direction in fitter.cleared(probe.direction, search.nominal).T]
+        least = max([SEEN, *(LINEAR * np.linalg.norm(each) for each in whole)])
         longest = max(clear, key=np.linalg.norm, default=None)
-        if longest is None or np.linalg.norm(longest) < SEEN:
+        if longest is None or np.linalg.norm(longest) < least:
             unseen.append(name)
             continue
         names.append(name)
@@ -44,7 +61,7 @@ def isolability(fitter: Fitter, search: Search
         spaces.append(np.column_stack([each / np.linalg.norm(each) for each in clear
                                        if np.linalg.norm(each) > SEEN]).astype(np.float32))
     if not names:
-        return [], unseen, set()
+        return Alike([], unseen, set())
     cosine = np.abs(np.array(directions) @ np.array(directions).T)
     classes, left = [], set(range(len(names)))
     while left:
@@ -67,4 +84,4 @@ def isolability(fitter: Fitter, search: Search
                          np.linalg.norm(bases[j].T @ spaces[i], axis=0).max())
             if shared > KIN:
                 kin.add(frozenset((a, names[j])))
-    return classes, unseen, kin
+    return Alike(classes, unseen, kin)

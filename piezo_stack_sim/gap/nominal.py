@@ -59,5 +59,7 @@ class Nuisance:
         changes['maxwell_break_voltage'] = tuple(
             np.array(actuator.maxwell_break_voltage) * (1.0 + phi[5 + n:5 + 2 * n]))
         if self.scale_free:
-            device = device.with_effects({'sensor_gain': {'gain_error': float(phi[-1])}})
+            known = device.effects.get('sensor_gain', {}).get('gain_error', 0.0)
+            device = device.with_effects(
+                {'sensor_gain': {'gain_error': (1.0 + known) * (1.0 + float(phi[-1])) - 1.0}})
         return device.replace(actuator=actuator.replace(**changes))

@@ -12,9 +12,11 @@ displacement").  So one block's error does not leak into the next.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 import math
 
 import numpy as np
+from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, spans
 from piezo_stack_sim.plant import Device
@@ -92,18 +94,47 @@ def _gain_per_volt(evidence, simulated) -> float:
     return best
 
 
-def shares(cuts: list[dict], behind: str | None, has_charge: bool) -> tuple[dict, dict]:
+def last_cut(causes: Sequence[str], suspect: str, channels: Collection[str]) -> str | None:
+    """
+    Return the block to name the last cut after: all that lies behind the last measured port.
+
+    Parameters
+    ----------
+    causes : sequence of str
+        Effects that were selected.
+    suspect : str
+        The best effect, selected or not; it tells no more than what follows the charge.
+    channels : collection of str
+        Measured channels.
+
+    """
+    spanned: tuple[str, ...] = BEHIND_CHARGE
+    if 'charge' not in channels:
+        spanned = ('electrical', *spanned)
+        if 'voltage' not in channels:
+            spanned = ('drive', *spanned)
+    blocks = [b for b in (EFFECTS[name].block for name in causes) if b in spanned]
+    blocks += [b for b in (EFFECTS[suspect].block,) if b in BEHIND_CHARGE]
+    return blocks[0] if blocks else None
+
+
+def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tuple[dict, dict]:
     """
     Return each block's fraction of the gap's power, and its gap over the noise.
 
-    ``behind`` names the block behind the charge that the best cause lies in;
-    without a charge measurement everything behind the voltage is one cut.
+    ``last`` is the block that the last cut is named after, ``channels`` are the
+    measured ones.
     """
+    begins = {'drive': 'command', 'electrical': 'voltage', 'behind': next(
+        (port for port in ('charge', 'voltage') if port in channels), 'command')}
+    ends = {'drive': 'voltage', 'electrical': 'charge', 'behind': 'displacement'}
+    ports: dict[str, tuple[str, str]] = {}
     power: dict[str, float] = {}
     loud: dict[str, list[float]] = {}
     for cut in cuts:
         for name, (wrong, noise) in cut.items():
-            block = name if name != 'behind' else (behind or 'mechanical')
+            block = name if name != 'behind' else (last or 'mechanical')
+            ports[block] = begins[name], ends[name]
             square = float(np.mean(wrong ** 2))
             power[block] = power.get(block, 0.0) + max(square - (LOUD * noise) ** 2, 0.0)
             loud.setdefault(block, []).append(math.sqrt(square) / max(noise, 1e-30))
@@ -114,11 +145,8 @@ def shares(cuts: list[dict], behind: str | None, has_charge: bool) -> tuple[dict
     for block, ratios in loud.items():
         ratio = float(np.sqrt(np.mean(np.square(ratios))))
         half = 1.96 * ratio * math.sqrt(1.0 / (2.0 * 50.0 * len(ratios)))
-        source = {'drive': ['command'], 'electrical': ['voltage']}.get(
-            block, ['charge'] if has_charge else ['voltage'])
-        target = {'drive': 'voltage', 'electrical': 'charge'}.get(block, 'displacement')
         blocks[block] = {'over_noise': ratio, 'ci': [max(ratio - half, 0.0), ratio + half],
-                         'from': source, 'to': target}
+                         'from': [ports[block][0]], 'to': ports[block][1]}
     return fractions, blocks
 
 

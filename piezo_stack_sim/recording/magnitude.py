@@ -51,28 +51,27 @@ def check_limits(recording):
     return recording, []
 
 
-def arbitrary_factor(recordings, statics):
+def arbitrary_factor(recordings, expected):
     """
     Return how many metres a unit of an arbitrary displacement is, on the whole of a set.
 
     Parameters
     ----------
-    recordings : list of Recording
+    recordings : sequence of Recording
         Those whose displacement is not arbitrary do not count.
-    statics : Statics
-        The device: its stroke is the measure.
+    expected : iterable of dict
+        Channel to (n,) array for each: what the device should do; its stroke is the measure.
 
     Returns
     -------
     float
-        1 where nothing is arbitrary.
+        Of either sign; 1 where nothing is arbitrary or nothing moves.
 
     """
     above = below = 0.0
-    for each in recordings:
+    for each, answer in zip(recordings, expected):
         if each.arbitrary and 'displacement' in each.measured:
-            expected = statics.answer(each.drive, each.command, each.external_force)
-            wanted = expected['displacement'] - np.mean(expected['displacement'])
+            wanted = answer['displacement'] - np.mean(answer['displacement'])
             given = each.measured['displacement'] - np.nanmean(each.measured['displacement'])
             above += float(np.nansum(wanted * given))
             below += float(np.nansum(given * given))

@@ -129,7 +129,8 @@ def _against_the_device(stages, statics):
 
     stages.run(answered(samples.check_alive))
     stages.run(answered(magnitude.check_connected))
-    factor = magnitude.arbitrary_factor(stages.passed, statics)
+    factor = magnitude.arbitrary_factor(stages.passed, (
+        statics.answer(each.drive, each.command, each.external_force) for each in stages.passed))
     stages.run(lambda each: magnitude.give_size(each, factor))
     before = {each.name: each for each in stages.passed}
     stages.run(lambda each: magnitude.check_units(each, statics))
