@@ -10,8 +10,8 @@ oscillator never grows; that bounds where the value can go.
 
 import math
 
-from numba import njit
 
+from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR, F_FRIC, F_FRIC_DIR, F_LIMIT,
     F_SLIP, I_CONTACT, I_FRICTION, I_LIMITER, R_FRICTION_F, R_FRICTION_K, R_GAP, R_LIMIT, REST,
@@ -20,10 +20,8 @@ from piezo_stack_sim.plant.layout import (
 MARGIN = 0.5  # of the amplitude, where the split into ringing and slow part is not strict
 EVER = 1e30  # s
 
-_jit = njit(cache=True, nogil=True, error_model='numpy')
 
-
-@_jit
+@jit
 def _within(y, d1, d2, d3, omega, damping, low, high, exact):
     """
     Return for how long (s) y stays within (low, high) for sure.
@@ -47,7 +45,7 @@ def _within(y, d1, d2, d3, omega, damping, low, high, exact):
     return EVER
 
 
-@_jit
+@jit
 def _goes_on(d1, d2, d3, omega, damping, direction, small, exact):
     """
     Return for how long (s) a slip goes on in its direction, or rests.
@@ -68,7 +66,7 @@ def _goes_on(d1, d2, d3, omega, damping, direction, small, exact):
     return max(0.0, (small - ring * inverse) / (abs(d1) + ring))
 
 
-@_jit
+@jit
 def calm_time(now, x, w, omega, damping, exact, flags, p, r, real, ip, x_block):
     """Return for how long (s) there can be no event that a longer sub-step would hide."""
     if ip[I_LIMITER] != 0 and (flags[F_LIMIT] != 0

@@ -48,9 +48,8 @@ def compile_kernels() -> None:
 def help_compiling() -> None:
     """Compile what sets up modes, say so, then the kernel of the ideal stack."""
     _, (k, _, _, real, ip, rates, opposing, reading, *rest) = _arguments()
-    (tick, levels, short, _, tables, watch, omegas, dampings) = rest
-    build_mode(0, real, ip, k, rates, opposing, reading, tick, levels, short, tables, watch,
-               omegas, dampings)
+    (tick, levels, short, _, *space) = rest
+    build_mode(0, real, ip, k, rates, opposing, reading, tick, levels, short, *space)
     print('modes', flush=True)
     Plant(Device.nominal()).advance(1e-9)
 

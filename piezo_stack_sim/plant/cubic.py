@@ -9,12 +9,10 @@ the slopes at its ends times its length, in the unit of ``y``.
 
 import math
 
-from numba import njit
-
-_jit = njit(cache=True, nogil=True, error_model='numpy')
+from piezo_stack_sim.plant.compiled import jit
 
 
-@_jit
+@jit
 def hermite(theta, y0, d0, y1, d1):
     """Return the cubic at ``theta``."""
     t2 = theta * theta
@@ -23,7 +21,7 @@ def hermite(theta, y0, d0, y1, d1):
             + (3.0 * t2 - 2.0 * t3) * y1 + (t3 - t2) * d1)
 
 
-@_jit
+@jit
 def turning(y0, d0, y1, d1):
     """Return where in (0, 1) the cubic turns, or 2 if it does not."""
     a = 6.0 * (y0 - y1) + 3.0 * (d0 + d1)
@@ -51,7 +49,7 @@ def turning(y0, d0, y1, d1):
     return best
 
 
-@_jit
+@jit
 def crossing(level, y0, d0, y1, d1, upper):
     """Return where the cubic first reaches ``level`` in (0, upper]."""
     low = 0.0

@@ -8,19 +8,15 @@ continuous where they begin to slip, so the error is of second order in the
 tick (below 1e-12 m).
 """
 
-from numba import njit
 
+from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR, F_FRIC, F_FRIC_DIR, F_LIMIT,
     F_SLIP, I_CONTACT, I_FRICTION, R_FRICTION_F, R_FRICTION_K, R_GAP, R_LIMIT, W_Q, W_Q1, W_WANT)
 
-_jit = njit(cache=True, nogil=True, error_model='numpy')
-# Passing a dozen arrays would cost more than the work.
-_inline = njit(cache=True, nogil=True, error_model='numpy', forceinline=True)
 
-
-@_inline
+@inline
 def event_charge(q0, d0, q1, d1, flags, p, r, far, n, reliable):
     """
     Return the part of a sub-step after which the charge first meets an event, or 2.
@@ -65,7 +61,7 @@ def event_charge(q0, d0, q1, d1, flags, p, r, far, n, reliable):
     return 2.0, 0
 
 
-@_jit
+@jit
 def event_displacement(x0, w0, x1, w1, flags, real, ip, x_block):
     """Return the same for friction and contact; kind 2 is a reversal of the displacement."""
     first = 2.0
@@ -104,7 +100,7 @@ def event_displacement(x0, w0, x1, w1, flags, real, ip, x_block):
     return first, kind
 
 
-@_jit
+@jit
 def grazes(y0, d0, y1, d1, low, high):
     """
     Tell whether y turns so close to an edge that the cubic cannot say on which side.
@@ -122,7 +118,7 @@ def grazes(y0, d0, y1, d1, low, high):
     return abs(peak - high) < margin or abs(peak - low) < margin
 
 
-@_jit
+@jit
 def event_limit(want0, want1, state, limit):
     """Return the part of a sub-step after which the amplifier begins or ends to limit, or 2."""
     edge = limit
@@ -144,7 +140,7 @@ def event_limit(want0, want1, state, limit):
     return min(1.0, max(0.02, part))
 
 
-@_inline
+@inline
 def first_event(now, then, s, s1, length, flags, p, r, real, ip, x_block, n, reliable, divisible,
                 displaced, limited):
     """

@@ -13,24 +13,21 @@ tests hold the two against each other.
 
 import math
 
-from numba import njit
-import numpy as np
-
+from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
 from piezo_stack_sim.plant.layout import (
     A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, MAX_EVENTS, U)
 
 # Constants of a mode, one row for each number of slipping elements.
 C_K, C_SPRING, C_GAIN, C_DQ_DX, C_DQ_DU, C_OMEGA = range(6)
+N_CONSTANTS = 6
 
-_jit = njit(cache=True, nogil=True, error_model='numpy')
 
-
-@_jit
+@jit
 def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clamped, ticks,
-                   levels):
+                   levels, constants, propagators):
     """
-    Return the constants and propagators of every mode.
+    Fill in the constants and propagators of every mode.
 
     Parameters
     ----------
@@ -45,8 +42,6 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
     levels : numpy.ndarray, shape (d,)
         The propagators are made for 1, 2, 4, ... 2**level ticks.
 
-    Returns
-    -------
     constants : numpy.ndarray, shape (n+1, 6)
         Per number of slipping elements: elastance (V/C), spring (N/m), force
         per source volt (N/V) or coulomb, dq/dx (C/m), dq/du (F), natural
@@ -56,11 +51,6 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
 
     """
     n = k.size
-    constants = np.zeros((n + 1, 6))
-    most = 0
-    for level in levels:
-        most = max(most, level)
-    propagators = np.zeros((n + 1, ticks.size, most + 1, 4))
     big_k = 0.0
     for slip in range(n, -1, -1):
         if slip < n:
@@ -112,10 +102,9 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
                 n21 = e21 * e11 + e22 * e21
                 n22 = e21 * e12 + e22 * e22
                 e11, e12, e21, e22 = n11, n12, n21, n22
-    return constants, propagators
 
 
-@_jit
+@jit
 def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         s, p, flags, inputs, memory, k, v_break, r, ratio, cap, voltage_driven, clamped,
         constants, propagators, ticks, levels, short, row, out_state, out_read):

@@ -16,27 +16,22 @@ where nothing hidden can happen (:mod:`piezo_stack_sim.plant.calm`).
 
 import math
 
-from numba import njit
-import numpy as np
-
 from piezo_stack_sim.plant.calm import calm_time
+from piezo_stack_sim.plant.compiled import dot, jit
 from piezo_stack_sim.plant.events import first_event
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_INPUTS,
-    I_LIMITER, I_RELAXING, I_SMOOTH, MAX_EVENTS, N_AHEAD, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED,
-    R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U, W_OUT, W_Q, W_Q1, W_Q2, W_WANT)
+    I_LIMITER, I_RELAXING, I_SMOOTH, MAX_EVENTS, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED,
+    R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U, W_OUT, W_Q, W_Q1, W_Q2, W_WANT, WORK_BEND, WORK_END,
+    WORK_HELD, WORK_NOW, WORK_THEN, WORK_Z, WORK_Z1)
 from piezo_stack_sim.plant.modes import build_mode, mode_index
 from piezo_stack_sim.plant.ports import offsets, settle, smooth_force, smooth_voltage, switch
 from piezo_stack_sim.plant.smooth import charge_gain, follow, smooth_step
 
-_jit = njit(cache=True, nogil=True, error_model='numpy')
-# Sums in any order: they may run over several lanes.
-_dot = njit(cache=True, nogil=True, error_model='numpy', fastmath={'reassoc', 'contract'})
-
 AFRESH = -1  # trust no more than short sub-steps, for the motion has changed
 
 
-@_dot
+@dot
 def _look(watch, mode, z, used, first, last, out):
     """Compute the watched values from ``first`` up to ``last`` of an extended state."""
     for o in range(first, last):
@@ -46,7 +41,7 @@ def _look(watch, mode, z, used, first, last, out):
         out[o] = total
 
 
-@_dot
+@dot
 def _move(tables, at, z, used, rows, out):
     """Move a state by one propagator; rows behind the states are watched values."""
     for i in range(rows):
@@ -56,7 +51,7 @@ def _move(tables, at, z, used, rows, out):
         out[i] = total
 
 
-@_jit
+@jit
 def _advance(tables, at, ticks, tick, z, n, used, smooth, end):
     """Move by any number of ticks in the same mode, smooth ports along their parabolas."""
     level = 0
@@ -71,28 +66,32 @@ def _advance(tables, at, ticks, tick, z, n, used, smooth, end):
         level += 1
 
 
-@_jit
+@jit
 def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         state, p, flags, ports, x_block, k, v_break, r,
         real, ip, rates, opposing, reading, cls_tick, levels, short, built,
-        tables, watch, omegas, dampings, out_state, out_read):
+        tables, watch, omegas, dampings, matrices, work, out_state, out_read):
     """
     Advance the device over segments of constant command and force.
 
     ``seg_state[i]`` / ``seg_read[i]`` name the row of ``out_state`` /
     ``out_read`` (n, 6) that is sampled at the end of segment i, or -1.
-    ``built`` marks the modes whose propagators ``tables`` exist.
+    ``built`` marks the modes whose propagators ``tables`` exist; ``matrices`` and
+    ``work`` are space to work in, see :mod:`piezo_stack_sim.plant.layout`.
     Returns 0, or 1 if a state left the finite numbers.
     """
     n = k.size
     n_in = ip[I_INPUTS]
     n_states = state.size
-    end = np.empty(n_states + N_AHEAD)  # of a sub-step
-    held = np.empty(n_states + N_AHEAD)
+    end = work[WORK_END]  # of a sub-step
+    held = work[WORK_HELD]
     used = n_states + n_in
     # Extended states: states, inputs, what the smooth inputs do within a sub-step.
-    z = np.zeros(n_states + N_INPUTS + N_RAMPS)
-    z1 = np.zeros(z.size)
+    z = work[WORK_Z]
+    z1 = work[WORK_Z1]
+    for c in range(z.size):
+        z[c] = 0.0
+        z1[c] = 0.0
     s = z[:n_states]
     inputs = z[n_states:n_states + N_INPUTS]
     for c in range(n_states):
@@ -100,9 +99,9 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     for c in range(N_INPUTS):
         z[n_states + c] = ports[c]
     i_smooth = n_states + SMOOTH_V
-    bend = np.zeros(2)
-    now = np.zeros(N_WATCHED)
-    then = np.zeros(N_WATCHED)
+    bend = work[WORK_BEND]
+    now = work[WORK_NOW]
+    then = work[WORK_THEN]
     smooth = ip[I_SMOOTH] != 0
     columns = used + (N_RAMPS if smooth else 0)
     exact = n_states == 2 and not smooth
@@ -150,7 +149,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         while True:
             if not built[mode]:
                 build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-                           short, tables, watch, omegas, dampings)
+                           short, tables, watch, omegas, dampings, matrices, work)
                 built[mode] = True
             if fresh:
                 _look(watch, mode, z, used, W_Q, n_look, now)

@@ -57,3 +57,10 @@ CHARGE_TOLERANCE = 1e-14  # C; a millionth of the smallest break charge of inter
 DISPLACEMENT_TOLERANCE = 1e-15  # m
 REST = 1e-12  # C; less than this to come (0.1 pm) is rest
 MAX_EVENTS = 100000  # in one segment; a guard, never met by a finite input
+
+# Space to work in: rows as wide as an extended state or what is watched, the last four
+# for the algebra of a mode; and square matrices for its propagators.
+(WORK_Z, WORK_Z1, WORK_END, WORK_HELD, WORK_NOW, WORK_THEN, WORK_BEND, WORK_SOURCE, WORK_Q, WORK_V,
+ WORK_WANT) = range(11)
+N_ROWS = 11
+N_MATRICES = 4

@@ -9,22 +9,18 @@ made once, when the mode is first met (``MODEL.md``, trap 3).
 
 import math
 
-from numba import njit
-import numpy as np
-
+from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.layout import (
     A_RC, F_CONTACT, F_FRIC, F_LIMIT, F_SLIP, I_CLAMPED, I_DRIVE, I_FRICTION, I_INPUTS,
-    I_QSTATE, I_RELAXING, I_SMOOTH, I_SOURCE, N_AHEAD, N_INPUTS, N_OUTPUTS, N_RAMPS, ONE, R_C,
+    I_QSTATE, I_RELAXING, I_SMOOTH, I_SOURCE, N_AHEAD, N_INPUTS, N_OUTPUTS, ONE, R_C,
     R_CONTACT_K, R_FRICTION_K, R_INTERNAL, R_LIMIT, R_MASS, R_OMEGA_EXTRA, R_OMEGA_FAST,
     R_RATE_MAX, R_RESISTANCE, R_STIFFNESS, R_T, SMOOTH_V, U, VOLTAGE, W_OUT, W_Q, W_Q1, W_Q2,
-    W_Q3, W_WANT, W_X2, W_X3)
-
-_jit = njit(cache=True, nogil=True, error_model='numpy')
+    W_Q3, W_WANT, W_X2, W_X3, WORK_Q, WORK_SOURCE, WORK_V, WORK_WANT)
 
 TERMS = 12  # of the series for one tick
 
 
-@_jit
+@jit
 def mode_index(flags):
     """Return the number of the mode in which the device is."""
     index = flags[F_SLIP]
@@ -33,29 +29,26 @@ def mode_index(flags):
     return index * 3 + flags[F_LIMIT]
 
 
-@_jit
-def _product(a, b, factor):
-    size = a.shape[0]
-    out = np.zeros((size, size))
+@jit
+def _clear(array, size):
     for i in range(size):
+        array[i] = 0.0
+
+
+@jit
+def _product(a, b, factor, out):
+    """Set ``out`` to the product of two square matrices and a factor."""
+    size = a.shape[0]
+    for i in range(size):
+        _clear(out[i], size)
         for j in range(size):
             weight = a[i, j] * factor
             if weight != 0.0:
                 for c in range(size):
                     out[i, c] += weight * b[j, c]
-    return out
 
 
-@_jit
-def _sum(a, b):
-    out = np.empty(a.shape)
-    for i in range(a.shape[0]):
-        for c in range(a.shape[1]):
-            out[i, c] = a[i, c] + b[i, c]
-    return out
-
-
-@_jit
+@jit
 def _derive(matrix, n_states, used, watch, source, target):
     """Let the watched value ``target`` be the derivative of ``source``, inputs held."""
     for c in range(used):
@@ -65,7 +58,7 @@ def _derive(matrix, n_states, used, watch, source, target):
         watch[target, c] = total
 
 
-@_jit
+@jit
 def _keep(e, n_states, used, watch, table):
     """Store a propagator, and behind the states the watched values at its end."""
     for c in range(e.shape[1]):
@@ -78,9 +71,9 @@ def _keep(e, n_states, used, watch, table):
             table[n_states + o, c] = total
 
 
-@_jit
+@jit
 def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
-               short, tables, watch, omegas, dampings):
+               short, tables, watch, omegas, dampings, matrices, work):
     """
     Resolve the algebra of one mode and make its propagators.
 
@@ -90,7 +83,8 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     ``reading`` (5, N+2+8) the outputs.
     Fills ``tables[mode]`` and ``watch[mode]``, the natural frequency ``omegas`` (rad/s) and
     decay rate ``dampings`` (1/s) of the moving end, and ``short``, per class the greatest
-    level in which the fastest swing of this mode turns by at most 1.3 rad.
+    level in which the fastest swing of this mode turns by at most 1.3 rad.  ``matrices``
+    (4, M, M) and ``work`` are space to work in.
     """
     n_states = rates.shape[0]
     n = k.size
@@ -106,13 +100,15 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     ratio = real[R_T]
     cap = real[R_C]
 
-    source = np.zeros(width)
+    source = work[WORK_SOURCE]
+    _clear(source, width)
     if ip[I_SOURCE] >= 0:
         source[ip[I_SOURCE]] = 1.0
     else:
         source[n_states + U] = 1.0
 
-    q_row = np.zeros(width)
+    q_row = work[WORK_Q]
+    _clear(q_row, width)
     iq = ip[I_QSTATE]
     if iq >= 0:
         q_row[iq] = 1.0
@@ -135,7 +131,7 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
             q_row[c] -= opposing[1, c]
 
     # v_t = (q - T x) / C, Eq. 11;  v_rc of Eq. 13 with all that is in series.
-    v_row = np.zeros(width)
+    v_row = work[WORK_V]
     for c in range(width):
         v_row[c] = q_row[c] * (1.0 / cap + big_k)
     v_row[0] -= ratio / cap
@@ -145,7 +141,8 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     v_row[n_states + SMOOTH_V] += 1.0
 
     # Rate of q wanted by the source resistance, before any limit.
-    want = np.zeros(width)
+    want = work[WORK_WANT]
+    _clear(want, width)
     if iq >= 0:
         total = real[R_RESISTANCE] + real[R_INTERNAL]
         for c in range(width):
@@ -162,8 +159,10 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
 
     # Inputs that are not worked with have no columns; the smooth ones may change in a sub-step.
     used = n_states + ip[I_INPUTS]
-    size = used + (N_RAMPS if ip[I_SMOOTH] != 0 else 0)
-    augmented = np.zeros((size, size))
+    size = matrices.shape[1]
+    augmented = matrices[0]
+    for i in range(size):
+        _clear(augmented[i], size)
     for i in range(n_states):
         for c in range(used):
             rate = rates[i, c if c < n_states else c + 2]
@@ -230,24 +229,27 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
         while step * real[R_RATE_MAX] > 0.25:
             step *= 0.5
             scaling += 1
-        e = np.zeros((size, size))
+        e, term, spare = 1, 2, 3  # matrices
         for i in range(size):
-            e[i, i] = 1.0
-        term = e
+            for target in (e, term):
+                _clear(matrices[target, i], size)
+                matrices[target, i, i] = 1.0
         at = (mode * cls_tick.size + d) * n_levels
         for turn in range(TERMS + scaling + levels[d] + 1):
             level = turn - TERMS - scaling
             if level >= 0:
-                _keep(e, n_states, used, watch[mode], tables[at + level])
+                _keep(matrices[e], n_states, used, watch[mode], tables[at + level])
             # One call for all products: it is the larger part of what has to be compiled.
             series = turn < TERMS
-            product = _product(term if series else e, augmented if series else e,
-                               step / (turn + 1) if series else 1.0)
+            _product(matrices[term if series else e], matrices[0 if series else e],
+                     step / (turn + 1) if series else 1.0, matrices[spare])
             if series:
-                term = product
-                e = _sum(e, term)
+                term, spare = spare, term
+                for i in range(size):
+                    for c in range(size):
+                        matrices[e, i, c] += matrices[term, i, c]
             else:
-                e = product
+                e, spare = spare, e
         level = int(math.floor(math.log2(1.3 / (fastest * cls_tick[d]))))
         short[mode, d] = min(levels[d], max(0, level))
 

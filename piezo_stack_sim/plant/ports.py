@@ -9,20 +9,16 @@ is linear, but for the polynomial (*smooth*) ports.
 
 import math
 
-from numba import njit
 
+from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.layout import (
     A_CONTACT, A_FRICTION, A_RC, CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR,
     F_FRIC, F_FRIC_DIR, F_LIMIT, F_SLIP, I_CONTACT, I_DRIVE, I_FRICTION, I_LIMITER, I_QSTATE,
     I_SMOOTH, I_SOURCE, R_C, R_CONTACT_K, R_FRICTION_F, R_FRICTION_K, R_GAP, R_K2, R_K3, R_LIMIT,
     R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
 
-_jit = njit(cache=True, nogil=True, error_model='numpy')
-# Passing a dozen arrays would cost more than the work.
-_inline = njit(cache=True, nogil=True, error_model='numpy', forceinline=True)
 
-
-@_jit
+@jit
 def maxwell_offset(slip, direction, p, k, v_break):
     """Return the part of v_rc that does not depend on q in this mode (V)."""
     a = 0.0
@@ -34,17 +30,17 @@ def maxwell_offset(slip, direction, p, k, v_break):
     return a
 
 
-@_jit
+@jit
 def smooth_voltage(q, real):
     return q * q * (real[R_V2] + real[R_V3] * q)
 
 
-@_jit
+@jit
 def smooth_force(x, real):
     return -x * x * (real[R_K2] + real[R_K3] * x)
 
 
-@_jit
+@jit
 def stick(flags, p, r, q):
     """Stop all slip at charge ``q``: the blocks stay where they are (Eq. 16)."""
     for i in range(flags[F_SLIP]):
@@ -52,7 +48,7 @@ def stick(flags, p, r, q):
     flags[F_SLIP] = 0
 
 
-@_jit
+@jit
 def move_charge(q0, target, slope_cap, real, flags, p, r, k, v_break, opposing_q):
     """
     Move the charge at once until q + C v_rc(q) reaches ``target`` (Eqs. 11, 12).
@@ -104,7 +100,7 @@ def move_charge(q0, target, slope_cap, real, flags, p, r, k, v_break, opposing_q
     return q
 
 
-@_jit
+@jit
 def settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block):
     """
     Bring the algebraic part in line after the inputs jumped.
@@ -137,7 +133,7 @@ def settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block):
         inputs[SMOOTH_V] = smooth_voltage(q, real)
 
 
-@_inline
+@inline
 def offsets(inputs, flags, p, k, v_break, real, ip, x_block):
     """Offsets of the piecewise-linear ports in the present mode."""
     inputs[A_RC] = maxwell_offset(flags[F_SLIP], flags[F_DIR], p, k, v_break)
@@ -150,7 +146,7 @@ def offsets(inputs, flags, p, k, v_break, real, ip, x_block):
         inputs[A_CONTACT] = real[R_CONTACT_K] * real[R_GAP] if flags[F_CONTACT] else 0.0
 
 
-@_inline
+@inline
 def switch(now, s, inputs, flags, p, r, k, v_break, real, ip, x_block, turned):
     """
     Switch every port whose condition is met at this instant.

@@ -7,19 +7,15 @@ Within a sub-step each follows a parabola in time, which the motion, exact for
 such an input, must meet at the end and in the middle.
 """
 
-from numba import njit
 
+from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.cubic import hermite
 from piezo_stack_sim.plant.layout import (
     N_INPUTS, N_RAMPS, R_K2, R_K3, R_T, R_TOL, R_V2, R_V3, SMOOTH_F, SMOOTH_V, W_Q, W_Q1)
 from piezo_stack_sim.plant.ports import smooth_force, smooth_voltage
 
-_jit = njit(cache=True, nogil=True, error_model='numpy')
-# Passing a dozen arrays would cost more than the work.
-_inline = njit(cache=True, nogil=True, error_model='numpy', forceinline=True)
 
-
-@_jit
+@jit
 def charge_gain(weight, q, real):
     """
     Return by what the rate of charge grows because the smooth voltage follows the charge.
@@ -29,7 +25,7 @@ def charge_gain(weight, q, real):
     return 1.0 / max(0.05, 1.0 - weight * q * (2.0 * real[R_V2] + 3.0 * real[R_V3] * q))
 
 
-@_inline
+@inline
 def _meet(tables, at, z, held, n, rows, bend, length, real, end):
     """
     Find the ports' voltage and force at the end of a sub-step, and that ``end``.
@@ -84,7 +80,7 @@ def _meet(tables, at, z, held, n, rows, bend, length, real, end):
     return v0 + dv, f0 + df
 
 
-@_inline
+@inline
 def smooth_step(tables, at, z, held, n, rows, length, weight, real, now, bend, end):
     """
     Let the smooth ports follow a parabola over a sub-step.
@@ -129,7 +125,7 @@ def smooth_step(tables, at, z, held, n, rows, length, weight, real, now, bend, e
     return error, v1, f1
 
 
-@_jit
+@jit
 def follow(z, n, length):
     """Move the smooth inputs of an extended state for ``length`` seconds."""
     for port in range(2):

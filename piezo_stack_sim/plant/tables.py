@@ -24,6 +24,7 @@ class Tables:
         self.levels = np.array([max(0, math.ceil(math.log2(d / TICK))) for d in durations])
         self.tick = np.array([d / 2.0 ** level for d, level in zip(durations, self.levels)])
         self.ticks = (2 ** self.levels).astype(np.int64)
+        self.arguments: tuple = ()
         if system.is_ideal:
             self._prepare_ideal()
         else:
@@ -35,9 +36,12 @@ class Tables:
         voltage_driven = bool(system.ints[layout.I_DRIVE] == layout.VOLTAGE)
         clamped = bool(system.ints[layout.I_CLAMPED])
         ratio, cap = real[layout.R_T], real[layout.R_C]
-        constants = ideal.mode_constants(
+        modes = system.k.size + 1
+        constants = (np.zeros((modes, ideal.N_CONSTANTS)),
+                     np.zeros((modes, self.tick.size, int(self.levels.max()) + 1, 4)))
+        ideal.mode_constants(
             system.k, ratio, cap, real[layout.R_MASS], real[layout.R_STIFFNESS],
-            real[layout.R_DAMPING], voltage_driven, clamped, self.tick, self.levels)
+            real[layout.R_DAMPING], voltage_driven, clamped, self.tick, self.levels, *constants)
         row = system.reading[0, :6].copy()
         # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
         quick = 1.3 / system.omega_max
@@ -61,7 +65,9 @@ class Tables:
             system.k, system.v_break, system.r, system.real, system.ints, system.rates,
             system.opposing, system.reading, self.tick, self.levels,
             np.zeros((modes, n_classes), dtype=np.int64), np.zeros(modes, dtype=np.bool_), tables,
-            np.zeros((modes, layout.N_WATCHED, width)), np.zeros(modes), np.zeros(modes))
+            np.zeros((modes, layout.N_WATCHED, width)), np.zeros(modes), np.zeros(modes),
+            np.zeros((layout.N_MATRICES, columns, columns)),
+            np.zeros((layout.N_ROWS, width + layout.N_RAMPS)))
 
     def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
         """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
