@@ -4,10 +4,11 @@
 
 import json
 
-from piezo_stack_sim.bench import ngspice
+from piezo_stack_sim.bench import effects, ngspice
 from piezo_stack_sim.bench.speed import measure
 from piezo_stack_sim.cli import main
-from piezo_stack_sim.commands.bench import _print_speed
+from piezo_stack_sim.commands.bench import _print_effects, _print_speed
+from piezo_stack_sim.effects.registry import EFFECTS
 import pytest
 
 
@@ -33,6 +34,18 @@ def test_the_table_holds_every_programme_and_peer(speed, capsys):
     _print_speed(json.loads(json.dumps(speed)))
     text = capsys.readouterr().out
     assert all(name in text for name in (*names, 'multisine', 'extrapolated'))
+
+
+def test_the_cost_of_every_effect_is_listed(monkeypatch, capsys):
+    monkeypatch.setattr(effects, 'TURNS', 1)
+    monkeypatch.setattr(effects, 'TURNS_NEUTRAL', 1)
+    cost = effects.measure()
+    assert set(cost['effects']) == set(EFFECTS)
+    for row in (cost['neutral'], cost['all'], *cost['effects'].values()):
+        assert row['ratio'] > 0.0 and row['time'] > 0.0
+    _print_effects(json.loads(json.dumps(cost)))
+    text = capsys.readouterr().out
+    assert all(name.replace('_', ' ') in text for name in EFFECTS)
 
 
 def test_a_wrong_parameter_file_ends_the_bench_at_once(capsys):

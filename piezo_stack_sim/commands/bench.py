@@ -11,10 +11,11 @@ import click
 @click.command('bench')
 @click.option('--params', metavar='YAML', help="Parameter file; the paper's if not given.")
 @click.option('--quick', is_flag=True, help='Shorter slices: a look within seconds.')
+@click.option('--effects', is_flag=True, help='Measure nothing but what each effect costs.')
 @click.option('--node', is_flag=True, help='Measure the ROS node too (needs rclpy).')
 @click.option('--only-node', is_flag=True, help='Measure nothing but the ROS node.')
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON in SI units.')
-def command(params, quick, node, only_node, as_json):
+def command(params, quick, effects, node, only_node, as_json):
     """
     Measure the plant, scipy, ngspice and a plain loop on the same commands.
 
@@ -22,12 +23,18 @@ def command(params, quick, node, only_node, as_json):
     distance to a reference that is computed in the same run.
 
     """
-    result = {}
-    if not only_node:
-        from piezo_stack_sim.bench.speed import measure
-        from piezo_stack_sim.plant import load_device
+    from piezo_stack_sim.plant import load_device
 
-        result['speed'] = measure(load_device(params) if params else None, quick)
+    result = {}
+    device = load_device(params) if params else None
+    if effects:
+        from piezo_stack_sim.bench.effects import measure as measure_effects
+
+        result['effects'] = measure_effects(device)
+    elif not only_node:
+        from piezo_stack_sim.bench.speed import measure
+
+        result['speed'] = measure(device, quick)
     if node or only_node:
         result['node'] = _measure_node()
     if as_json:
@@ -35,8 +42,27 @@ def command(params, quick, node, only_node, as_json):
         return
     if 'speed' in result:
         _print_speed(result['speed'])
+    if 'effects' in result:
+        _print_effects(result['effects'])
     if 'node' in result:
         _print_node(result['node'])
+
+
+def _print_effects(cost):
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    rows = Table(title=f'Five test programmes, {cost["rows"]:,} rows, processor time',
+                 title_justify='left')
+    for column in ('effect', 'time', 'x without'):
+        rows.add_column(column, justify='left' if column == 'effect' else 'right')
+    rows.add_row('none', f'{1e3 * cost["absent"]:.1f} ms', '1.00')
+    for name, row in (('all, neutral', cost['neutral']), *cost['effects'].items(),
+                      ('all, typical', cost['all'])):
+        rows.add_row(name.replace('_', ' '), f'{1e3 * row["time"]:.1f} ms', f'{row["ratio"]:.2f}',
+                     end_section=name == 'all, neutral' or name == list(cost['effects'])[-1])
+    console.print(rows)
 
 
 def _print_speed(speed):

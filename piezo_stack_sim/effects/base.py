@@ -72,9 +72,13 @@ class Effect:
 
     def is_neutral(self, given: Mapping[str, float]) -> bool:
         """Tell whether these values leave the ideal stack as it is."""
-        values = self.values(given)
-        return all(values[parameter.name] == parameter.neutral
-                   for parameter in self.parameters if parameter.magnitude)
+        # Asked of every effect each time a plant is made.
+        for parameter in self.parameters:
+            if parameter.magnitude:
+                value = given.get(parameter.name)
+                if (parameter.start if value is None else float(value)) != parameter.neutral:
+                    return False
+        return True
 
     def typical(self) -> dict[str, float]:
         """Return the values of a catalogue-class set-up."""
