@@ -13,10 +13,13 @@ def test_device_and_bare_node_are_measured_alike():
     device = bench.device_timing(rate=200.0, seconds=0.5)
     bare = bench.bare_timing(rate=200.0, seconds=0.5)
     assert device.ticks > 50 and bare.ticks > 50
-    assert device.missed == 0  # late ones are caught up
+    sleep = bench.sleep_timing(rate=200.0, seconds=0.5)
+    assert device.missed == sleep.missed == 0  # late ones are caught up
     assert bench.cpu_ratio(device, bare) > 0.0
+    assert sleep.cpu < device.cpu
     for timing in (device, bare):
         assert 0.0 < timing.cpu < 2.0
+    for timing in (device, bare, sleep):
         assert timing.late_p50 <= timing.late_p99 <= timing.late_p999 <= timing.late_max
 
 

@@ -117,14 +117,11 @@ def _measure_node():
     from piezo_stack_sim.node import bench
     from piezo_stack_sim.progress import track
 
-    jobs = [(measure, {'rate': rate, **more}) for rate in bench.RATES for measure, more in (
-        (bench.device_timing, {}), (bench.bare_timing, {}), (bench.bare_timing, {'publish': False})
-    )]
-    timings = [measure(**options) for measure, options in track(jobs, 'Timing the node')]
-    device, bare = (timings[3 * bench.RATES.index(1000.0) + i] for i in (0, 1))
+    timings = list(track(bench.rate_table(), 'Timing the node', 4 * len(bench.RATES) + 1))
+    device, bare = (timings[4 * bench.RATES.index(1000.0) + i] for i in (0, 1))
     return {'timings': [asdict(timing) for timing in timings],
             'processor_ratio_at_1_khz': bench.cpu_ratio(device, bare),
-            'lockstep': asdict(bench.lockstep_speed())}
+            'lockstep': asdict(bench.lockstep_speed()), 'start': bench.start_times()}
 
 
 def _print_node(node):
@@ -153,4 +150,6 @@ def _print_node(node):
         f'Lockstep with a client in another process: {lockstep["exchanges_per_second"]:,.0f} '
         f'exchanges a second (round trip {1e6 * lockstep["round_trip_p50"]:.0f} µs, 99 % '
         f'{1e6 * lockstep["round_trip_p99"]:.0f} µs), '
-        f'{lockstep["burst_per_second"]:,.0f} ticks a second in a burst.')
+        f'{lockstep["burst_per_second"]:,.0f} ticks a second in a burst.\n'
+        f'Ready after {node["start"]["cold"]:.1f} s where it has never run, then after '
+        f'{node["start"]["warm"]:.1f} s.')

@@ -78,6 +78,24 @@ def bare(rate: float, publish: bool = True) -> dict:
     return {'ticks': ticks[:RESERVE]}
 
 
+def sleeper(rate: float) -> dict:
+    """Sleep until one deadline after the other, without ROS; note how late each is (ns)."""
+    import signal
+    from piezo_stack_sim.node.realtime import sharpen_timers
+    sharpen_timers()
+    lateness: list[int] = []
+    stopped: list[bool] = []
+    signal.signal(signal.SIGTERM, lambda *_: stopped.append(True))
+    print('ready', flush=True)
+    deadline, period = time.monotonic_ns(), round(1e9 / rate)
+    while not stopped:
+        deadline += period
+        while (wait := deadline - time.monotonic_ns()) > 0:
+            time.sleep(wait * 1e-9)
+        lateness.append(time.monotonic_ns() - deadline)
+    return {'lateness': lateness[:RESERVE]}
+
+
 def listener(topics: list[str]) -> dict:
     """Hear what a node publishes, as a recorder would."""
     import rclpy
@@ -129,7 +147,7 @@ def client(exchanges: int, burst: int) -> dict:
 
 
 ROLES: dict[str, Callable[..., dict]] = {
-    'device': device, 'bare': bare, 'listener': listener, 'client': client}
+    'device': device, 'bare': bare, 'sleeper': sleeper, 'listener': listener, 'client': client}
 
 
 if __name__ == '__main__':
