@@ -6,7 +6,7 @@ A driver that can deliver only so much current.
     |dq/dt| <= limit
 
 Steps become ramps, and sines of more than limit/(pi C V_pp) triangles.  Small
-signals pass unchanged.  An ideal source behind a limiter gets 1 ohm, which is
+signals pass unchanged.  A limiter has at least 1 ohm behind it, which is
 faster than any recording.
 
 Look-alikes: ``amplifier_bandwidth`` (late at every amplitude): compare a small

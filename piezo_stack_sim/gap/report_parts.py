@@ -18,6 +18,9 @@ from piezo_stack_sim.gap.verdict import Ranked
 
 UNITS = {'mass': 'kg', 'stiffness': 'N/m', 'damping': 'N s/m', 'linear_capacitance': 'F',
          'transformer_ratio': 'N/V'}
+# Of the standard error of S: part of what stays, and the least. Learned on 180 devices, whose
+# true S lay in 66 % of the intervals without them.
+STAYS, LEAST = 0.3, 5e-4
 
 
 def gap_part(evidence: Evidence, simulated: list[dict]) -> dict:
@@ -156,7 +159,7 @@ def shrinkage_part(evidence: Evidence, base, after, flexible, placebos) -> dict:
                        'S': 1.0 - (new[channel] - level) / gap if real else None, 'ci': None,
                        'span': span}
         if real:
-            entry['ci'] = _interval(evidence, base, after, channel, level)
+            entry['ci'] = _interval(evidence, base, after, channel, level, entry['S'])
         result[channel] = entry
         result['placebo'][channel] = 1.0 - (false[channel] - level) / gap if real else None
         # What an effect explains could be explained: the ceiling is no lower.
@@ -167,8 +170,13 @@ def shrinkage_part(evidence: Evidence, base, after, flexible, placebos) -> dict:
     return result
 
 
-def _interval(evidence: Evidence, base, after, channel, level) -> list[float]:
-    """Bootstrap the withheld stretches: 95 % interval of S."""
+def _interval(evidence: Evidence, base, after, channel, level, share: float) -> list[float]:
+    """
+    Return the 95 % interval of S, ``share``: the withheld stretches bootstrapped, then widened.
+
+    Stretches of one set share what they have wrong: what stays could as well be more or less by
+    a learned part of it.
+    """
     random = np.random.default_rng(7)
     old, new, size = [], [], []
     for (i, c), where in zip(evidence.keys, spans(evidence)):
@@ -186,4 +194,6 @@ def _interval(evidence: Evidence, base, after, channel, level) -> list[float]:
     rows = size_[pick].sum(axis=1)
     before, then = old_[pick].sum(axis=1) / rows, new_[pick].sum(axis=1) / rows
     values = 1.0 - (then - level) / np.maximum(before - level, 1e-3 * level)
-    return [float(v) for v in np.quantile(values, [0.025, 0.975])]
+    low, high = np.quantile(values, [0.025, 0.975])
+    half = 1.96 * math.hypot(0.5 * (high - low) / 1.96, STAYS * (1.0 - share), LEAST)
+    return [float(min(low, share - half)), float(max(high, min(1.0, share + half)))]

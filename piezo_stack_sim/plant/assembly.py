@@ -27,6 +27,7 @@ from piezo_stack_sim.plant import layout
 from piezo_stack_sim.plant.reference import Reference
 
 INSTANT = 1e-9  # s; a lag shorter than a fiftieth of a tick of the kernel is none
+LIMITED = 1.0  # ohm behind a limited current at least; with a microfarad faster than any row
 
 
 @dataclass
@@ -226,10 +227,11 @@ def assemble(model: Model) -> System:
     voltage_driven = model.drive in ('voltage', 'shorted')
     resistance = model.output_resistance + model.internal_resistance
     limited = math.isfinite(model.current_limit)
-    if limited and voltage_driven and resistance <= 0.0:
-        # An ideal source behind a limiter needs some resistance to be causal;
-        # 1 ohm with a fraction of a microfarad is faster than any row.
-        model.output_resistance = resistance = 1.0
+    if limited and voltage_driven and resistance < LIMITED:
+        # A source behind a limiter needs some resistance to be causal, and less than this
+        # would only have it chatter between the limit and none.
+        model.output_resistance += LIMITED - resistance
+        resistance = LIMITED
     elastance = (float(np.sum(model.maxwell_k)) + 1.0 / model.C
                  + abs(model.voltage_terms.get('charge', 0.0)))
     if limited:
