@@ -250,8 +250,10 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
                         matrices[e, i, c] += matrices[term, i, c]
             else:
                 e, spare = spare, e
-        level = int(math.floor(math.log2(1.3 / (fastest * cls_tick[d]))))
-        short[mode, d] = min(levels[d], max(0, level))
+        level = 0
+        while level < levels[d] and fastest * cls_tick[d] * (2 << level) <= 1.3:
+            level += 1
+        short[mode, d] = level
 
     # Higher derivatives, to tell what still swings from what creeps.
     change = augmented
