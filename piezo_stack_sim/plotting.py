@@ -57,6 +57,7 @@ LINES = (
 MARKERS = ('o', 's', '^', 'D', 'v', 'X')
 
 WIDTH = 7.0  # inch, the width of a page's text
+LEGEND_HEIGHT = 0.3  # inch, of a row of labels below a figure
 RESOLUTION = 200  # dots an inch in PNG
 
 _RC = {
@@ -153,6 +154,16 @@ def legend_above(axes: Any, columns: int = 4, title: str | None = None) -> None:
     """Put the legend above the axes, where it hides no data."""
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False,
                 title=title, borderaxespad=0.2, columnspacing=1.4)
+
+
+def legend_below(figure: Any) -> None:
+    """Put one legend for all axes below them, each label once."""
+    entries = {name: handle for axes in figure.axes
+               for handle, name in zip(*axes.get_legend_handles_labels())}
+    figure.legend(entries.values(), entries.keys(), loc='lower center', ncols=len(entries))
+    # Not "outside lower center", which matplotlib has known since 3.7 only.
+    share = LEGEND_HEIGHT / figure.get_size_inches()[1]
+    figure.get_layout_engine().set(rect=(0.0, share, 1.0, 1.0 - share))
 
 
 def plot(axes: Any, x_values: Any, y_values: Any, *, x: str, y: str, **options: Any) -> Any:

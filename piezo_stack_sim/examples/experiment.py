@@ -99,7 +99,7 @@ def picture(runs: list[Run], path: Path, drive: str, title: str) -> list[Path]:
         below.set_yscale('symlog', linthresh=10.0, linscale=0.5)
         below.set_ylabel('Error (nm)')
         figure.suptitle(title, fontweight='bold', fontsize=10.0)
-        figure.legend(loc='outside lower center', ncols=len(runs) + 1)
+        plotting.legend_below(figure)
         return plotting.save(figure, path)
 
 

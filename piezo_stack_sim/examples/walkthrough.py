@@ -141,8 +141,7 @@ def picture(folder: Path, out: Path, title: str) -> list[Path]:
             if column:
                 above.set_ylabel('')
         figure.suptitle(title, fontweight='bold', fontsize=10.0)
-        handles, names = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc='outside lower center', ncols=3)
+        plotting.legend_below(figure)
         return plotting.save(figure, out)
 
 
@@ -152,19 +151,21 @@ def bars(before: dict, after: dict, shrinkage: dict, out: Path) -> list[Path]:
     with plotting.style():
         figure, axes = plotting.new_figure(1, 1, height=2.2)
         places = np.arange(len(CHANNELS))
+        least = 0.5
         for i, (label, power) in enumerate((('before', before), ('after', after)), 1):
             ratio = [np.sqrt(power[c] / shrinkage[c]['noise']) for c in CHANNELS]
+            least = min(least, 0.7 * max(min(ratio), 0.01))
             drawn = axes.barh(places + (0.2 if i == 2 else -0.2), ratio, 0.36, label=label,
                               color=plotting.LINES[i][0])
             axes.bar_label(drawn, [f'{value:.1f}' for value in ratio], padding=3, bbox={
                 'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.5})
         axes.axvline(1.0, **plotting.line(0), linewidth=1.0, label='noise', zorder=0.9)
         axes.set_xscale('log')
-        axes.set_xlim(0.5, 2.0 * max(before[c] / shrinkage[c]['noise'] for c in CHANNELS) ** 0.5)
+        axes.set_xlim(least, 2.0 * max(before[c] / shrinkage[c]['noise'] for c in CHANNELS) ** 0.5)
         axes.set_yticks(places, list(CHANNELS))
         axes.invert_yaxis()
         axes.set_xlabel('RMS gap in multiples of the noise')
-        figure.legend(loc='outside right center')
+        plotting.legend_below(figure)
         return plotting.save(figure, out)
 
 
