@@ -15,9 +15,7 @@ class Bars:
     def __enter__(self):
         self._bar, self._tasks = None, {}
         if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress
-            self._bar = Progress(console=Console(stderr=True), transient=True)
+            self._bar = _progress()
             self._bar.start()
         return self
 
@@ -50,6 +48,13 @@ def track(items, description, total=None):
     if not sys.stderr.isatty():
         yield from items
         return
+    with _progress() as bar:
+        yield from bar.track(items, total, description=description)
+
+
+def _progress():
     from rich.console import Console
-    from rich.progress import track as bar
-    yield from bar(items, description, total, console=Console(stderr=True), transient=True)
+    from rich.progress import Progress
+    # What is printed meanwhile goes above the bar, but not where stdout goes to a file.
+    return Progress(console=Console(stderr=True), transient=True,
+                    redirect_stdout=sys.stdout.isatty())

@@ -4,6 +4,7 @@
 
 import json
 
+from piezo_stack_sim.cli import main
 from piezo_stack_sim.gap.many import diagnose_many, Job
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.plant.parameters import save_device
@@ -48,3 +49,17 @@ def test_a_dask_cluster_answers_what_processes_answer(tmp_path):
     assert sorted(here) == sorted(there) and not any('failed' in line for line in here)
     assert answers(jobs('here')) == answers(jobs('there'))
     assert again == ['done before'] * len(devices)
+
+
+@pytest.mark.parametrize('arguments, words', [
+    (['a/bench', 'b/bench', '--jobs', '2'], ['--jobs 2', '--separate']),
+    (['a/bench', '--scheduler', 'tcp://here:1'], ['--scheduler tcp://here:1', '--separate']),
+    (['a/bench', 'b/bench', '--separate'], ['bench', 'different names']),
+])
+def test_what_cannot_be_meant_is_refused_before_anything_is_read(arguments, words, tmp_path,
+                                                                 capsys):
+    assert main(['diagnose', *arguments, '--params', 'nominal.yaml',
+                 '--out', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1 and all(word in said for word in words)
+    assert not (tmp_path / 'out').exists()

@@ -9,6 +9,8 @@ import click
 
 from piezo_stack_sim.commands.options import (
     map_option, out_folder_option, params_option, unit_option)
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.progress import Bars
 
 
 @click.command('diagnose')
@@ -35,16 +37,28 @@ def command(recordings, params, out, maps, units, separate, jobs, scheduler):
     from piezo_stack_sim.gap.write import diagnose_to_folder
 
     if not separate:
+        if jobs > 1 or scheduler:
+            given = f'--scheduler {scheduler}' if scheduler else f'--jobs {jobs}'
+            raise InputError(f'{given} spreads devices, and several SETs are recordings of one: '
+                             'add --separate if every SET is a device of its own')
         with _progress() as say:
             diagnosis = diagnose_to_folder(list(recordings), params, out, maps, units, say)
         terminal_summary(diagnosis)
         return
     todo = [Job((path,), params, str(Path(out) / Path(path).resolve().name), tuple(maps),
                 tuple(units)) for path in recordings]
+    folders = [Path(job.out).name for job in todo]
+    for name in folders:
+        if folders.count(name) > 1:
+            raise InputError(f'{name}: expected SETs of different names with --separate, for '
+                             f'answers go to {out}/NAME; rename a folder or answer it by itself')
     failed = 0
-    for job, line in diagnose_many(todo, jobs, scheduler):
-        click.echo(f'{Path(job.out).name}: {line}')
-        failed += line.startswith('failed')
+    with Bars() as bar:
+        bar('diagnosing', 0, len(todo))
+        for done, (job, line) in enumerate(diagnose_many(todo, jobs, scheduler), 1):
+            print(f'{Path(job.out).name}: {line}')  # click.echo would write through the bar
+            bar('diagnosing', done, len(todo))
+            failed += line.startswith('failed')
     if failed:
         click.echo(f'{failed} of {len(todo)} sets failed; the others are in {out}', err=True)
         sys.exit(2)
