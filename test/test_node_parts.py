@@ -5,6 +5,8 @@
 import math
 import os
 import signal
+import subprocess
+import sys
 import time
 
 from piezo_stack_sim.plant.parameters import Device, parameter_specs
@@ -229,3 +231,22 @@ def test_a_signal_waits_until_the_executor_has_taken_its_nodes_in(number):
         uninstall_signal_handlers()
     assert executor.done == ['node', 'taken in', 'shut down']
     assert signal.getsignal(number) == before
+
+
+STOPPED_IN_TEXT = """
+import os, signal
+from piezo_stack_sim.node.interrupts import interruptible
+try:
+    with interruptible():
+        exec('os.kill(os.getpid(), signal.SIGTERM); [None for _ in range(1000)]')
+        print('went on')
+except KeyboardInterrupt:
+    print('stopped')
+"""
+
+
+def test_a_signal_while_text_is_executed_leaves_the_exit_status_alone():
+    """Python ends with -2 after a plain KeyboardInterrupt there; dataclasses are made that way."""
+    done = subprocess.run([sys.executable, '-c', STOPPED_IN_TEXT], capture_output=True, text=True,
+                          env=os.environ | {'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+    assert (done.stdout, done.returncode) == ('stopped\n', 0), done.stderr

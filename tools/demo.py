@@ -5,8 +5,8 @@
 Make the environment, start the virtual actuator and a controller on its topics, show the result.
 
 Works from any folder; the picture goes to the current one. With --realistic the actuator has a
-catalogue-class driver, creep, sensor and noise, of which the controller is not told. Other arguments
-are passed on to the controller, see `closed_loop_voltage --help`.
+catalogue-class driver, creep, sensor and noise, of which the controller is not told. Other
+arguments are passed on to the controller, see `closed_loop_voltage --help`.
 
 """
 

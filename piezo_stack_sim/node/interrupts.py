@@ -3,7 +3,7 @@
 """
 What Ctrl-C and SIGTERM do to a process that talks ROS.
 
-Until an executor has nodes they raise `KeyboardInterrupt`, which ends even a long
+Until an executor has nodes they raise `Interrupted`, which ends even a long
 start at once.  From then on they shut the ROS context down and raise nothing: inside
 a callback of the events executor, which is C++, an exception from nowhere aborts the
 process.  So does a context that goes away while that executor takes its nodes in,
@@ -26,6 +26,16 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _REGISTRATION = 0.01  # s; nothing waits that long unless there is nothing to take in
 
 
+class Interrupted(KeyboardInterrupt):
+    """
+    A signal came.
+
+    Not `KeyboardInterrupt` itself: where that leaves an ``exec`` of text, as dataclasses have
+    while they are imported, Python ends with status -2, whoever catches it.
+
+    """
+
+
 class _Answer:
     """The handler: an exception at first, a note once there is an executor."""
 
@@ -36,7 +46,7 @@ class _Answer:
     def __call__(self, number, frame) -> None:
         self.came = True
         if not self.deferred:
-            raise KeyboardInterrupt
+            raise Interrupted
 
 
 @contextmanager
@@ -46,6 +56,11 @@ def interruptible() -> Iterator[None]:
 
     Outside the main thread, where signals do not arrive, nothing changes.
 
+    Raises
+    ------
+    Interrupted
+        If a signal came before there was an executor.
+
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -54,6 +69,11 @@ def interruptible() -> Iterator[None]:
     before = {number: signal.signal(number, answer) for number in _SIGNALS}
     try:
         yield
+    except Exception:
+        # Modules written in C make another error of it when it comes while they are loaded.
+        if answer.came and not answer.deferred:
+            raise Interrupted from None
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -65,7 +85,7 @@ def attach(executor: Executor, nodes: Sequence[Node]) -> None:
 
     Raises
     ------
-    KeyboardInterrupt
+    Interrupted
         If a signal came meanwhile.
 
     """
@@ -80,4 +100,4 @@ def attach(executor: Executor, nodes: Sequence[Node]) -> None:
         install_signal_handlers()
         if answer.came:
             executor.shutdown()
-            raise KeyboardInterrupt
+            raise Interrupted
