@@ -40,16 +40,18 @@ def measure(device: Device | None = None) -> dict:
     recordings = [make() for make in PROGRAMMES.values()]
     cases = {'neutral': neutral, **{name: {name: values} for name, values in typical.items()},
              'all': typical}
-    found = {}
+    found, without = {}, []
     for name, effects in track(list(cases.items()), 'Measuring effects'):
         turns = TURNS_NEUTRAL if name == 'neutral' else TURNS
-        found[name] = _beside(plain, plain.with_effects(effects), recordings, turns)
-    return {'rows': sum(each.time.size for each in recordings),
-            'absent': found['neutral'].pop('absent'), 'neutral': found.pop('neutral'),
-            'all': found.pop('all'), 'effects': found}
+        absent, present = _in_turn(plain, plain.with_effects(effects), recordings, turns)
+        found[name] = {'time': present, 'ratio': present / absent}
+        without.append(absent)
+    return {'rows': sum(each.time.size for each in recordings), 'absent': min(without),
+            'neutral': found.pop('neutral'), 'all': found.pop('all'), 'effects': found}
 
 
-def _beside(plain, device, recordings, turns) -> dict[str, float]:
+def _in_turn(plain, device, recordings, turns) -> tuple[float, float]:
+    """Return the least processor time (s) of either."""
     taken: tuple[list[float], list[float]] = ([], [])
     for turn in range(turns + 1):
         for times, each in zip(taken, (plain, device)):
@@ -59,5 +61,4 @@ def _beside(plain, device, recordings, turns) -> dict[str, float]:
                          recording.drive)
             if turn:  # the first warms up
                 times.append(clock.process_time() - began)
-    absent, present = (min(times) for times in taken)
-    return {'time': present, 'ratio': present / absent, 'absent': absent}
+    return min(taken[0]), min(taken[1])

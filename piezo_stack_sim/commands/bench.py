@@ -117,8 +117,9 @@ def _measure_node():
     from piezo_stack_sim.node import bench
     from piezo_stack_sim.progress import track
 
-    timings = list(track(bench.rate_table(), 'Timing the node', 4 * len(bench.RATES) + 1))
-    device, bare = (timings[4 * bench.RATES.index(1000.0) + i] for i in (0, 1))
+    timings = [measure() for measure in track(bench.rate_table(), 'Timing the node')]
+    device, bare = (next(each for each in timings if (each.name, each.rate) == (name, 1000.0))
+                    for name in (bench.DEVICE, bench.BARE))
     return {'timings': [asdict(timing) for timing in timings],
             'processor_ratio_at_1_khz': bench.cpu_ratio(device, bare),
             'lockstep': asdict(bench.lockstep_speed()), 'start': bench.start_times()}

@@ -10,9 +10,10 @@ the same way and in the same run.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 import json
 import os
 import subprocess
@@ -26,6 +27,7 @@ from piezo_stack_sim.errors import InputError
 RATES = (250.0, 1000.0, 2000.0, 4000.0)  # Hz
 SETTLE = 1.0  # s between the start of a process and the start of its measurement
 PATIENCE = 120.0  # s for a process to come up, compilation included
+DEVICE, BARE = 'piezo_stack_node', 'bare rclpy node'
 _CPUCLOCK_SCHED = 2  # of Linux: processor time of a process, in ns
 
 
@@ -163,7 +165,7 @@ def device_timing(rate: float = 1000.0, seconds: float = 5.0, actuators: int = 1
     """
     cpu, found = _measure('device', seconds, '/piezo_stack_node' if listen else None,
                           rate=rate, actuators=actuators)
-    name = 'piezo_stack_node' if actuators == 1 else f'{actuators} actuators'
+    name = DEVICE if actuators == 1 else f'{actuators} actuators'
     return _timing(name, rate, cpu, np.array(found['lateness']) * 1e-9, 0)
 
 
@@ -186,7 +188,7 @@ def bare_timing(rate: float = 1000.0, seconds: float = 5.0, publish: bool = True
     numbers = np.round((elapsed - np.median(elapsed * rate % 1.0) / rate) * rate)
     offset = elapsed - numbers / rate
     lateness = offset - np.percentile(offset, 1.0)
-    return _timing('bare rclpy node' if publish else 'rclpy timer alone', rate, cpu, lateness,
+    return _timing(BARE if publish else 'rclpy timer alone', rate, cpu, lateness,
                    int(numbers[-1] - numbers[0]) + 1 - ticks.size)
 
 
@@ -209,14 +211,19 @@ def sleep_timing(rate: float = 1000.0, seconds: float = 5.0) -> Timing:
     return _timing('sleep, without ROS', rate, cpu, np.array(found['lateness']) * 1e-9, 0)
 
 
-def rate_table(rates=RATES, seconds: float = 5.0) -> Iterator[Timing]:
-    """Measure device, bare node, its timer alone and a mere sleep, at several rates; then many."""
+def rate_table(rates=RATES, seconds: float = 5.0) -> list[Callable[[], Timing]]:
+    """
+    Return what to measure: device, bare node, its timer and a mere sleep, at several rates (Hz).
+
+    Last comes a process with eight devices.
+
+    """
+    jobs: list[Callable[[], Timing]] = []
     for rate in rates:
-        yield device_timing(rate, seconds)
-        yield bare_timing(rate, seconds)
-        yield bare_timing(rate, seconds, publish=False)
-        yield sleep_timing(rate, seconds)
-    yield device_timing(500.0, seconds, actuators=8)
+        jobs += [partial(device_timing, rate, seconds), partial(bare_timing, rate, seconds),
+                 partial(bare_timing, rate, seconds, publish=False),
+                 partial(sleep_timing, rate, seconds)]
+    return [*jobs, partial(device_timing, 500.0, seconds, actuators=8)]
 
 
 def lockstep_speed(exchanges: int = 5000, burst: int = 500) -> Lockstep:
