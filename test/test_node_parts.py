@@ -250,3 +250,38 @@ def test_a_signal_while_text_is_executed_leaves_the_exit_status_alone():
     done = subprocess.run([sys.executable, '-c', STOPPED_IN_TEXT], capture_output=True, text=True,
                           env=os.environ | {'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
     assert (done.stdout, done.returncode) == ('stopped\n', 0), done.stderr
+
+
+STOPPED_IN_CALLBACK = """
+import ctypes, gc, os, signal, time, weakref
+from piezo_stack_sim.node.interrupts import interruptible
+
+def stop(*_):
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(0.1)
+
+class Collected:
+    pass
+
+for how in range(2):
+    try:
+        with interruptible():
+            if how == 0:
+                ctypes.CFUNCTYPE(None)(stop)()
+            else:
+                gone = Collected()
+                reference = weakref.ref(gone, stop)
+                del gone
+            time.sleep(10.0)
+            print('went on')
+    except KeyboardInterrupt:
+        print('stopped')
+"""
+
+
+def test_a_signal_while_c_code_calls_python_is_not_lost_and_not_printed():
+    """LLVM asks numba's cache for objects that way; Python drops what is raised in there."""
+    done = subprocess.run([sys.executable, '-c', STOPPED_IN_CALLBACK], capture_output=True,
+                          text=True,
+                          env=os.environ | {'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+    assert (done.stdout, done.stderr, done.returncode) == ('stopped\nstopped\n', '', 0)

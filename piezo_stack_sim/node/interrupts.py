@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import signal
+import sys
 import threading
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _REGISTRATION = 0.01  # s; nothing waits that long unless there is nothing to take in
+_AGAIN = 0.02  # s, until an exception that was lost on its way is raised anew
 
 
 class Interrupted(KeyboardInterrupt):
@@ -42,11 +44,19 @@ class _Answer:
     def __init__(self) -> None:
         self.deferred = False
         self.came = False
+        self.others = sys.unraisablehook
 
     def __call__(self, number, frame) -> None:
         self.came = True
         if not self.deferred:
             raise Interrupted
+
+    def unraisable(self, lost) -> None:
+        """Stand in for ``sys.unraisablehook``: C code that calls Python drops what is raised."""
+        if not issubclass(lost.exc_type, Interrupted):
+            self.others(lost)
+        elif not self.deferred:
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
 
 
 @contextmanager
@@ -66,7 +76,8 @@ def interruptible() -> Iterator[None]:
         yield
         return
     answer = _Answer()
-    before = {number: signal.signal(number, answer) for number in _SIGNALS}
+    sys.unraisablehook = answer.unraisable
+    before = {number: signal.signal(number, answer) for number in (*_SIGNALS, signal.SIGALRM)}
     try:
         yield
     except Exception:
@@ -75,8 +86,10 @@ def interruptible() -> Iterator[None]:
             raise Interrupted from None
         raise
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
+        sys.unraisablehook = answer.others
 
 
 def attach(executor: Executor, nodes: Sequence[Node]) -> None:
