@@ -3,11 +3,14 @@
 """The diagnosis on devices with one known effect: what it must see, and must not claim."""
 
 import numpy as np
-from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.back_coupling import suspect_block
+from piezo_stack_sim.gap.evidence import prepare, quieter, reweigh
+from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.verdict import decide, probabilities, Ranked
-from piezo_stack_sim.gap.where import last_cut, shares
+from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet
@@ -126,6 +129,21 @@ def test_the_noise_is_estimated_from_the_data_alone(device):
         assert noise[channel].deviation(1e-4, 6000) == pytest.approx(level, rel=0.08)
     evidence = prepare(recordings, simulated)
     assert 0.4 < np.mean(evidence.tracks[0].fitted) < 0.6
+
+
+def test_what_a_cause_leaves_tells_the_noise_that_slow_creep_had_raised(device):
+    truth = device.with_effects({'creep': {'gain_per_decade': 0.02}})
+    programme = programmes.steps(levels=(0.0, 60.0, 20.0), hold=1.0)
+    recordings = [measure(truth, programme, NOISE, seed) for seed in range(2)]
+    nominal, known = simulate_set(device, recordings), simulate_set(truth, recordings)
+    first = prepare(recordings, nominal)
+    better = quieter(first, known)
+    assert first.noise_rms('charge') > 1.5 * NOISE['charge']
+    assert better.noise_rms('charge') == pytest.approx(NOISE['charge'], rel=0.08)
+    assert quieter(better, known) is better
+    # What was weighted by the old noise is weighted by the new one.
+    turn = reweigh(first, better)
+    np.testing.assert_allclose(turn(residuals(device, first)), residuals(device, better))
 
 
 def coloured(n, period, random):
@@ -280,6 +298,39 @@ def test_the_last_cut_is_named_after_a_cause_that_it_can_hold(causes, channels, 
     _, blocks = shares([{'behind': (np.ones(10), 0.1)}], block, channels)
     begins = next((port for port in ('charge', 'voltage') if port in channels), 'command')
     assert (blocks[block]['from'], blocks[block]['to']) == ([begins], 'displacement')
+
+
+def droop(recording):
+    """Return a recording whose charge was read through an amplifier that forgets it."""
+    charge = recording.measured['charge']
+    forgotten = np.exp(-recording.time / 0.05)
+    return recording.replace(measured=recording.measured | {'charge': charge * forgotten})
+
+
+@pytest.mark.parametrize('effects, spoil, block', [
+    ({}, None, None),
+    ({'creep': {'gain_per_decade': 0.02}}, None, None),  # displacement follows the charge
+    ({'sensor_gain': {'gain_error': 0.05}}, None, 'sensor'),
+    ({'sensor_nonlinearity': {}}, None, 'sensor'),
+    ({'stiffness_hardening': {}}, None, 'mechanical'),
+    ({'friction': {}}, None, 'mechanical'),
+    ({}, droop, 'sensor'),
+])
+def test_charge_tells_whether_the_stack_felt_what_displaced_it(device, effects, spoil, block):
+    effects = {name: EFFECTS[name].typical() | values for name, values in effects.items()}
+    recordings = [spoil(recording) if spoil else recording
+                  for recording in a_set(device.with_effects(effects)).recordings]
+    simulated = simulate_set(device, recordings)
+    cuts = block_residuals(device, prepare(recordings, simulated), simulated)
+    assert suspect_block(cuts) == block
+
+
+def test_without_the_voltage_a_slow_driver_is_not_taken_for_a_force(device):
+    recordings = a_set(device.with_effects({'amplifier_bandwidth': {'output_resistance': 20.0}}),
+                       ('charge', 'displacement')).recordings
+    simulated = simulate_set(device, recordings)
+    cuts = block_residuals(device, prepare(recordings, simulated), simulated)
+    assert suspect_block(cuts) is None
 
 
 def test_a_free_scale_comes_on_top_of_a_known_gain(device):

@@ -15,8 +15,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.evidence import quieter, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
-from piezo_stack_sim.gap.forward import parallel
+from piezo_stack_sim.gap.forward import parallel, simulate_channels
 from piezo_stack_sim.gap.starts import Extent, Place, starts_of
 
 PLACES = 2  # places of an effect from which a fit sets out
@@ -122,6 +123,38 @@ def polish(fitter: Fitter, search: Search, best: list[str]) -> None:
     for name, fit in parallel(whole, worth):
         if fit.cost <= search.fits[name].cost:
             search.fits[name] = fit
+
+
+def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:
+    """
+    Let the best hypothesis tell the noise, and weigh everything by that.
+
+    Returns
+    -------
+    fitter, search
+        The same objects if the noise was estimated well without.
+
+    """
+    best = min(search.fits.values(), key=lambda fit: fit.cost)
+    old = fitter.evidence
+    new = quieter(old, parallel(
+        lambda pair: simulate_channels(*pair),
+        zip(fitter.devices_of(best), [track.recording for track in old.tracks])))
+    if new is old:
+        return fitter, search
+    turn = reweigh(old, new)
+    other = fitter.reweighed(new, turn)
+
+    def turned(fit: Fit) -> Fit:
+        residual = turn(fit.residual)
+        return replace(fit, residual=residual, cost=other.cost(residual, fit.phi), view=None,
+                       jacobian=None if fit.jacobian is None else turn(fit.jacobian))
+
+    return other, Search(
+        turned(search.nominal), {name: turned(fit) for name, fit in search.fits.items()},
+        {name: [replace(probe, direction=None if probe.direction is None
+                        else turn(probe.direction)) for probe in probes]
+         for name, probes in search.probes.items()})
 
 
 def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,

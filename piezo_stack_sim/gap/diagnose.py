@@ -17,7 +17,7 @@ import time
 from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.arbitrary import sized
-from piezo_stack_sim.gap.candidates import polish, Search, search_singles
+from piezo_stack_sim.gap.candidates import polish, Search, search_singles, weigh_anew
 from piezo_stack_sim.gap.decision import (
     count, decide_search, Decision, Removable, search_pairs)
 from piezo_stack_sim.gap.document import build_document
@@ -116,6 +116,9 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     extent = extent_of(evidence, fitter.base, spans(evidence))
     search = search_singles(fitter, extent, progress)
     polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
+    # A slow answer to every command had passed for noise unless something explains it now.
+    fitter, search = weigh_anew(fitter, search)
+    evidence = fitter.evidence
     judge = Judge.from_residual(
         evidence, min(search.fits.values(), key=lambda fit: fit.cost).residual,
         search.nominal.residual)

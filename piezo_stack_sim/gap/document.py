@@ -11,6 +11,7 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
+from piezo_stack_sim.gap.back_coupling import suspect_block
 from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.decision import count, Decision
 from piezo_stack_sim.gap.evidence import Evidence
@@ -83,15 +84,16 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
 def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[Ranked]) -> dict:
     """Return where the gap is, with the model cut at its ports."""
     evidence = fitter.evidence
-    last = where.last_cut(verdict.selected, singles[0].name, evidence.channels)
     tuned = fitter.device_with({}, search.nominal.phi)
     cuts = where.block_residuals(
         tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]))
+    suspect = None if verdict.selected else suspect_block(cuts)
+    last = suspect or where.last_cut(verdict.selected, singles[0].name, evidence.channels)
     fractions, blocks = where.shares(cuts, last, evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
     return {
-        'block': _block(verdict, fractions, singles), 'shares': fractions, 'blocks': blocks,
-        'channels': channels, 'bands': where.by_band(evidence, fitter.base),
+        'block': _block(verdict, fractions, suspect, singles), 'shares': fractions,
+        'blocks': blocks, 'channels': channels, 'bands': where.by_band(evidence, fitter.base),
         'regimes': where.by_regime(evidence, fitter.base), 'records': records}
 
 
@@ -111,13 +113,14 @@ def _pair_chance(verdict, ranked: Ranked) -> float:
     return verdict.confidence if chosen else 0.0
 
 
-def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:
+def _block(verdict, fractions: dict, suspect: str | None, singles: list[Ranked]) -> str | None:
     if verdict.word == 'NO_GAP':
         return None
     if verdict.selected:
         return EFFECTS[verdict.selected[0]].block
     if fractions and max(fractions.values()) > 0.0:
-        return max(fractions, key=lambda block: fractions[block])
+        largest = max(fractions, key=lambda block: fractions[block])
+        return suspect if suspect and largest != 'drive' else largest
     return EFFECTS[singles[0].name].block
 
 

@@ -9,7 +9,9 @@ withheld from a fit are stretches of rows, alternating along each recording.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
@@ -20,6 +22,7 @@ CHANNELS = ('voltage', 'charge', 'displacement')
 ROWS = 7500  # a recording is averaged down to at most about this many rows
 RESTING_ROWS = 3000  # one whose command mostly rests, to this many
 STRETCHES = 20  # alternating stretches that are fitted and withheld
+QUIETER = 0.87  # part of the noise below which a new estimate of it is taken for better
 
 
 @dataclass(frozen=True)
@@ -74,8 +77,16 @@ class Track:
 
     def unbiased(self, channel: str, wrong: np.ndarray) -> np.ndarray:
         """Return averaged errors (m,), SI units, with the mean weighed by how it is known."""
-        known = 1.0 + wrong.size * (self.zero[channel] / self.sigma[channel]) ** 2
-        return wrong - (1.0 - 1.0 / np.sqrt(known)) * wrong.mean()
+        return wrong - (1.0 - 1.0 / self._blur(channel, len(wrong))) * wrong.mean(axis=0)
+
+    def errors(self, channel: str, weighted: np.ndarray) -> np.ndarray:
+        """Return the averaged errors, SI units, that were weighted to (m,) or (m, k)."""
+        seen = weighted * self.sigma[channel]
+        return seen + (self._blur(channel, len(seen)) - 1.0) * seen.mean(axis=0)
+
+    def _blur(self, channel: str, rows: int) -> float:
+        """Return how much less is known of the mean of many rows than their noise would tell."""
+        return math.sqrt(1.0 + rows * (self.zero[channel] / self.sigma[channel]) ** 2)
 
 
 @dataclass(frozen=True)
@@ -99,6 +110,75 @@ class Evidence:
     def keys(self) -> list[tuple[int, str]]:
         """Every (track, channel) there is, in the order of a residual vector."""
         return [(i, c) for i, track in enumerate(self.tracks) for c in track.channels]
+
+
+def quieter(evidence: Evidence, simulated) -> Evidence:
+    """
+    Return the evidence with the noise that a better simulation leaves, where that is clearly less.
+
+    A fit of a few numbers to thousands of rows cannot imitate noise, so that what it leaves
+    bounds the noise from above.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        As prepared against an earlier simulation.
+    simulated : sequence of dict
+        Channel to (n,) array for each track, from the better one.
+
+    Returns
+    -------
+    Evidence
+        The same object if no channel's noise is clearly less.
+
+    """
+    noise = estimate_noise([track.recording for track in evidence.tracks], simulated)
+    better = {}
+    for channel, found in noise.items():
+        tracks = [t for t in evidence.tracks if channel in t.sigma]
+        if any(_deviation(found, t, t.factor) < QUIETER * t.sigma[channel] for t in tracks):
+            better[channel] = found
+    if not better:
+        return evidence
+    weighed = tuple(replace(
+        track,
+        sigma=track.sigma | {c: _deviation(better[c], track, track.factor)
+                             for c in track.sigma if c in better},
+        zero=track.zero | {c: _deviation(better[c], track) for c in track.zero if c in better})
+        for track in evidence.tracks)
+    return Evidence(weighed, evidence.noise | better)
+
+
+def _deviation(noise: ChannelNoise, track: Track, factor: int = 1) -> float:
+    return noise.deviation(track.recording.period, len(track.recording), factor)
+
+
+def reweigh(old: Evidence, new: Evidence) -> Callable[[np.ndarray], np.ndarray]:
+    """
+    Return what turns residuals weighted by one noise into those weighted by another.
+
+    Parameters
+    ----------
+    old, new : Evidence
+        Of the same recordings, with other noise.
+
+    Returns
+    -------
+    callable
+        Takes residuals (N,) or changes of them (N, k) and returns the same shape.
+
+    """
+    def turn(weighted: np.ndarray) -> np.ndarray:
+        parts, start = [], 0
+        for i, channel in old.keys:
+            end = start + old.tracks[i].measured[channel].size
+            errors = old.tracks[i].errors(channel, weighted[start:end])
+            track = new.tracks[i]
+            parts.append(track.unbiased(channel, errors) / track.sigma[channel])
+            start = end
+        return np.concatenate(parts).astype(weighted.dtype)
+
+    return turn
 
 
 def average(values: np.ndarray, factor: int) -> np.ndarray:

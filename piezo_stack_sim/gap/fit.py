@@ -9,6 +9,7 @@ parameters move along with it, within their uncertainty.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 import math
 
@@ -126,6 +127,12 @@ class Fitter:
             return (residuals(self.device_with({}, phi), self.evidence) - self.base) / NUDGE
 
         self.nominal = Slope.of(np.column_stack(parallel(column, range(zero.size))), self.rows)
+
+    def reweighed(self, evidence: Evidence, turn: Callable[[np.ndarray], np.ndarray]) -> Fitter:
+        """Return the same for other noise; ``turn`` is what turns weighted residuals into it."""
+        other = Fitter(self.device, evidence)
+        other.nominal = Slope.of(turn(self.nominal.whole), other.rows)
+        return other
 
     def residual_of(self, effects: dict, phi: np.ndarray) -> np.ndarray:
         """Return the weighted residual (N,) of the re-tuned device with effects on."""

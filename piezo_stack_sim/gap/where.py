@@ -35,7 +35,8 @@ def block_residuals(device: Device, evidence: Evidence, simulated) -> list[dict]
     -------
     list of dict
         ``drive``, ``electrical`` and ``behind`` where the channels allow, each a
-        pair of the residual (m, averaged rows) and the rms of its noise (m).
+        pair of the residual (m, averaged rows) and the rms of its noise (m); beside
+        them ``through``, the displacement against the voltage, charge passed over.
 
     """
     actuator, load = device.actuator, device.load
@@ -71,6 +72,8 @@ def block_residuals(device: Device, evidence: Evidence, simulated) -> list[dict]
             wrong = recording.measured['displacement'] - answer['displacement']
             noise = track.sigma['displacement']
             if has('charge'):
+                if recording.drive == 'voltage':
+                    out['through'] = (track.unbiased('displacement', track.average(wrong)), noise)
                 given = recording.measured['charge'] - answer['charge']
                 system = signal.cont2discrete((numerator, denominator), recording.period,
                                               'bilinear')
@@ -132,7 +135,8 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
     power: dict[str, float] = {}
     loud: dict[str, list[float]] = {}
     for cut in cuts:
-        for name, (wrong, noise) in cut.items():
+        for name in (name for name in begins if name in cut):
+            wrong, noise = cut[name]
             block = name if name != 'behind' else (last or 'mechanical')
             ports[block] = begins[name], ends[name]
             square = float(np.mean(wrong ** 2))
