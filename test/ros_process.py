@@ -17,6 +17,7 @@ rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from piezo_stack_sim.node.asking import ask  # noqa: E402, I100
+from piezo_stack_sim.plant.compilation import compile_kernels  # noqa: E402, I100
 from piezo_stack_sim.resources import config_file  # noqa: E402, I100
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402, I100
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402, I100
@@ -39,11 +40,14 @@ OUTPUTS = ('displacement', 'charge', 'force', 'voltage')
 
 
 class NodeProcess:
-    """`piezo_stack_node` with these arguments; its output is kept."""
+    """`piezo_stack_node` with these arguments; its output is kept, compiled code in `cache`."""
 
-    def __init__(self, *arguments, wait=True):
+    def __init__(self, *arguments, wait=True, cache=None):
+        if cache is None:
+            compile_kernels()  # or it would refuse effects until it has done so itself
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'piezo_stack_sim.node.main', *arguments], env=ENVIRONMENT,
+            [sys.executable, '-m', 'piezo_stack_sim.node.main', *arguments],
+            env=ENVIRONMENT | ({'NUMBA_CACHE_DIR': str(cache)} if cache else {}),
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         atexit.register(self.process.kill)  # whatever becomes of the test
         self.lines = []

@@ -3,12 +3,15 @@
 """Claims about starting and stopping `piezo_stack_node`: errors in one line, clean ends."""
 
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
 import time
 
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import kernel
+from piezo_stack_sim.plant.compilation import compile_kernels
 import pytest
 from ros_process import (
     Client, ENVIRONMENT, node_arguments, NodeProcess, NOMINAL, PATIENCE, SPACE)
@@ -93,6 +96,43 @@ def test_a_signal_while_it_starts_ends_it_cleanly_too(share, start_time):
     status, output = node.end()
     assert status in (0, -signal.SIGTERM)  # the latter before Python has got to this package
     assert 'Traceback' not in output
+
+
+def compiled_but_for_the_general_kernel(folder):
+    """Copy what is compiled to where numba looks for it in another folder, all but one part."""
+    compile_kernels()
+    code = ('from piezo_stack_sim.plant import kernel; '
+            'print(kernel.run._cache.cache_path)')
+    target = subprocess.run(
+        [sys.executable, '-c', code], env=ENVIRONMENT | {'NUMBA_CACHE_DIR': str(folder)},
+        capture_output=True, text=True, check=True).stdout.strip()
+    shutil.copytree(kernel.run._cache.cache_path, target, dirs_exist_ok=True,
+                    ignore=shutil.ignore_patterns('kernel.run-*', '*.pyc'))
+
+
+def test_it_starts_before_effects_are_compiled_and_refuses_them_until_then(tmp_path):
+    compiled_but_for_the_general_kernel(tmp_path)
+    node = NodeProcess(*node_arguments('rate:=100.0'), cache=tmp_path)
+    client = Client()
+    try:
+        client.connect()
+        refused = client.set_parameters(effects__sensor_lag__time_constant=1e-3)[0]
+        assert not refused.successful and 'compiled' in refused.reason
+        # A scale factor is none of the kernel's business.
+        assert client.set_parameters(effects__sensor_gain__gain_error=0.1)[0].successful
+        node.wait_for('every effect can be switched on now')
+        assert client.set_parameters(effects__sensor_lag__time_constant=1e-3)[0].successful
+    finally:
+        client.close()
+        status, output = node.end()
+    assert status == 0 and 'Traceback' not in output
+
+
+def test_it_ends_at_once_while_effects_are_being_compiled(tmp_path):
+    node = NodeProcess(*node_arguments('rate:=100.0'), cache=tmp_path)
+    node.wait_for('compiling the effects')
+    status, output = node.end(signal.SIGINT)
+    assert status == 0 and 'Traceback' not in output
 
 
 def test_without_a_file_it_is_the_stack_of_the_paper():

@@ -115,8 +115,10 @@ def _measure_node():
     from dataclasses import asdict
 
     from piezo_stack_sim.node import bench
+    from piezo_stack_sim.plant.compilation import compile_kernels
     from piezo_stack_sim.progress import track
 
+    compile_kernels()  # or the first nodes would do so beside their ticks
     timings = [measure() for measure in track(bench.rate_table(), 'Timing the node')]
     device, bare = (next(each for each in timings if (each.name, each.rate) == (name, 1000.0))
                     for name in (bench.DEVICE, bench.BARE))

@@ -78,19 +78,23 @@ def _reason(error: BaseException, files: list[str]) -> InputError:
 
 def _warm_up(device) -> None:
     """Meet everything that is compiled or loaded when first used, before a tick has to."""
-    from piezo_stack_sim.effects.registry import EFFECTS
     from piezo_stack_sim.plant import Plant
-    # An effect may be switched on while running, and then another kernel takes over.
-    for variant in (device, device.with_effects({'creep': EFFECTS['creep'].typical()})):
-        plant = Plant(variant)
-        for drive in ('voltage', 'charge', 'open', 'shorted', device.drive):
-            plant.set_drive(drive)
-            plant.hold(0.0)
-            plant.advance(1e-9, 1.0)
-            plant.run([0.0] * 3, [0.0] * 3)
-            plant.sample()
-        plant.restore(plant.state)
-        plant.set_device(variant)
+    plant = Plant(device)
+    for drive in ('voltage', 'charge', 'open', 'shorted', device.drive):
+        plant.set_drive(drive)
+        plant.hold(0.0)
+        plant.advance(1e-9, 1.0)
+        plant.run([0.0] * 3, [0.0] * 3)
+        plant.sample()
+    plant.restore(plant.state)
+    plant.set_device(device)
+
+
+def _warm_up_effects(nodes) -> None:
+    """Do the same for devices with an effect on: another kernel takes over then."""
+    from piezo_stack_sim.effects.registry import EFFECTS
+    for node in nodes:
+        _warm_up(node.plant.device.with_effects({'creep': EFFECTS['creep'].typical()}))
 
 
 def _build(options: argparse.Namespace, ros_arguments: list[str]):
@@ -164,9 +168,13 @@ def _serve(nodes, options: argparse.Namespace, began: float,
            when_ready: Callable[[], object]) -> None:
     from piezo_stack_sim.node import realtime
     from piezo_stack_sim.node.loop import Loop, make_executor
+    from piezo_stack_sim.plant.compilation import is_compiled, LateKernel
     log = nodes[0].get_logger()
     for node in nodes:
         _warm_up(node.plant.device)
+    complete = is_compiled()
+    if complete:
+        _warm_up_effects(nodes)
     realtime.sharpen_timers()
     if options.realtime_priority is not None:
         _warn(log, realtime.set_priority(options.realtime_priority))
@@ -183,9 +191,21 @@ def _serve(nodes, options: argparse.Namespace, began: float,
             f'{"lockstep" if node.lockstep else "wall time"} at {device.rate:g} Hz, '
             f'{type(executor).__name__}, after {time.monotonic() - began:.1f} s')
     when_ready()
+    late = None
+    if not complete:
+        log.info('compiling the effects, once on this machine; until that is done most of them '
+                 'cannot be switched on')
+
+        def loaded() -> None:
+            _warm_up_effects(nodes)
+            log.info('compiled: every effect can be switched on now')
+
+        late = LateKernel(loaded)
     try:
         loop.run()
     finally:
+        if late is not None:
+            late.stop()
         executor.shutdown()
 
 

@@ -1,17 +1,22 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Compiling both kernels before they are needed, on two cores.
+Compiling both kernels before they are needed.
 
-Compiled code is kept on disk, so that this happens once on a machine.  A second
-process compiles those parts of the general kernel that nothing else waits for;
-this one loads them when it comes to where they are called.
+Compiled code is kept on disk, so that this happens once on a machine.  Whoever
+needs both at once has a second process compile those parts of the general kernel
+that nothing else waits for, and loads them where they are called.  A device as in
+the paper starts with the ideal kernel, which is small, and has the general one
+compiled while it runs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import os
 import subprocess
 import sys
+import threading
 
 import numpy as np
 
@@ -27,11 +32,52 @@ from piezo_stack_sim.plant.stack import Plant
 from piezo_stack_sim.plant.tables import Tables
 
 
+def compile_needed(device: Device) -> None:
+    """Make sure that what this device needs is compiled: both kernels, or the ideal one alone."""
+    if is_ideal(device):
+        Plant(device).advance(1e-9)
+    else:
+        compile_kernels()
+
+
+def is_ideal(device: Device) -> bool:
+    """Tell whether a device does without the general kernel."""
+    return assemble(build_model(device)).is_ideal
+
+
+class LateKernel:
+    """
+    The general kernel, compiled by a process of low priority while the ideal one is in use.
+
+    Parameters
+    ----------
+    loaded : callable
+        Called in another thread as soon as the kernel is ready for use there.
+
+    """
+
+    def __init__(self, loaded: Callable[[], object]) -> None:
+        self._loaded = loaded
+        self._helper = subprocess.Popen([sys.executable, '-m', __name__, 'all'],
+                                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._waiting = threading.Thread(target=self._wait, daemon=True)
+        self._waiting.start()
+
+    def _wait(self) -> None:
+        if self._helper.wait() == 0:
+            self._loaded()
+
+    def stop(self) -> None:
+        """End the compilation; what is compiled by then stays on disk."""
+        self._helper.kill()
+        self._waiting.join()
+
+
 def compile_kernels() -> None:
     """Make sure that both kernels are compiled; where they are, this takes no time."""
-    if _is_on_disk():
+    if is_compiled():
         return
-    with subprocess.Popen([sys.executable, '-m', __name__], stdout=subprocess.PIPE,
+    with subprocess.Popen([sys.executable, '-m', __name__, 'modes'], stdout=subprocess.PIPE,
                           stderr=subprocess.DEVNULL) as helper:
         try:
             _compile_ports()
@@ -43,6 +89,15 @@ def compile_kernels() -> None:
         finally:
             helper.kill()
     Plant(Device.nominal()).advance(1e-9)
+
+
+def compile_all_beside() -> None:
+    """Compile both kernels, one after the other, and let others have most of the cores."""
+    if hasattr(os, 'sched_setscheduler'):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # its parent may be real-time
+    os.nice(5)
+    for device in (Device.nominal(), _with_states()):
+        Plant(device).advance(1e-9)
 
 
 def help_compiling() -> None:
@@ -89,14 +144,16 @@ def _with_states() -> Device:
     return Device.nominal().with_effects({'creep': {'gain_per_decade': 0.01}})
 
 
-def _is_on_disk() -> bool:
-    """Tell whether the last part to be compiled has been kept; numba has no public word on it."""
+def is_compiled() -> bool:
+    """Tell whether both kernels are compiled, here or on disk."""
     from pathlib import Path
-    try:
+    if kernel.run.signatures:
+        return True
+    try:  # the last part to be compiled; numba has no public word on whether it has been kept
         return any(Path(kernel.run._cache.cache_path).glob('kernel.run-*.nbi'))
     except AttributeError:
         return True
 
 
 if __name__ == '__main__':
-    help_compiling()
+    {'modes': help_compiling, 'all': compile_all_beside}[sys.argv[1]]()
