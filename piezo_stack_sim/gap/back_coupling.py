@@ -20,6 +20,7 @@ transducer.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -31,7 +32,23 @@ FORCED = 0.4  # correlation of charge and displacement that a force makes
 FOLLOWS = 0.3  # gap behind the charge, against that before it, that is none
 
 
-def suspect_block(cuts: Sequence[dict]) -> str | None:
+@dataclass(frozen=True)
+class Suspect:
+    """A block, and in words why it is suspected."""
+
+    block: str
+    reason: str
+
+
+_MISREAD_CHARGE = Suspect('sensor', 'the charge is wrong and the displacement does not follow it: '
+                          'it was measured wrong')
+_NOT_FELT = Suspect('sensor', 'the displacement is wrong without the charge that a force on the '
+                    'stack would move')
+_FORCED = Suspect('mechanical', 'displacement and charge are wrong together, as a force on the '
+                  'stack makes them')
+
+
+def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
     """
     Return the block that charge and displacement point to, or None.
 
@@ -62,12 +79,12 @@ def suspect_block(cuts: Sequence[dict]) -> str | None:
     if max(before / quiet, through / still) < STANDS_OUT:
         return None
     if through < FOLLOWS * min(before, after):
-        return 'sensor'
+        return _MISREAD_CHARGE
     if after < FOLLOWS * before or quiet > KNOWN * through:
         return None
     if abs(common) < FEW * through ** 2:
-        return 'sensor'
+        return _NOT_FELT
     # A slow driver whose voltage nobody measured looks like a force.
     if driven and common > FORCED * before * through and after > FOLLOWS * through:
-        return 'mechanical'
+        return _FORCED
     return None

@@ -23,6 +23,7 @@ from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.verdict import probabilities, Ranked, Thresholds, Verdict
 
 PAIRS_SHOWN = 5
+UNNAMED = ('UNKNOWN', 'NOT_IDENTIFIABLE')  # verdicts that name no cause, but a gap
 
 
 def build_document(name: str, findings, fitter: Fitter, search: Search, decision: Decision,
@@ -53,16 +54,17 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
     """
     evidence, judge, verdict = fitter.evidence, decision.judge, decision.verdict
     chosen = decision.chosen(search)
+    place, why = _where_part(fitter, search, verdict, decision.singles)
     return {
         'schema': 'piezo_stack_sim/diagnosis/1',
         'verdict': verdict.word,
         'confidence': float(min(max(verdict.confidence, 0.0), 1.0)),
-        'reason': verdict.reason,
+        'reason': f'{verdict.reason}; {why}' if why else verdict.reason,
         'name': name,
         'records': records_part(evidence),
         'preflight': [asdict(finding) for finding in findings],
         'gap': gap_part(evidence, before),
-        'where': _where_part(fitter, search, verdict, decision.singles),
+        'where': place,
         'isolability': {'classes': decision.alike.classes,
                         'undetectable': decision.alike.unseen},
         'calibration': calibration_part(fitter, search.nominal),
@@ -81,20 +83,26 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
     }
 
 
-def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[Ranked]) -> dict:
-    """Return where the gap is, with the model cut at its ports."""
+def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[Ranked]
+                ) -> tuple[dict, str]:
+    """Return where the gap is, with the model cut at its ports, and what else tells the block."""
     evidence = fitter.evidence
     tuned = fitter.device_with({}, search.nominal.phi)
     cuts = where.block_residuals(
         tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]))
-    suspect = None if verdict.selected else suspect_block(cuts)
-    last = suspect or where.last_cut(verdict.selected, singles[0].name, evidence.channels)
+    suspect = suspect_block(cuts) if verdict.word in UNNAMED else None
+    last = suspect.block if suspect else where.last_cut(
+        verdict.selected, singles[0].name, evidence.channels)
     fractions, blocks = where.shares(cuts, last, evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
+    block = _block(verdict, fractions, singles)
+    if suspect and block == 'drive':
+        suspect = None  # what comes first explains what follows
     return {
-        'block': _block(verdict, fractions, suspect, singles), 'shares': fractions,
+        'block': suspect.block if suspect else block, 'shares': fractions,
         'blocks': blocks, 'channels': channels, 'bands': where.by_band(evidence, fitter.base),
-        'regimes': where.by_regime(evidence, fitter.base), 'records': records}
+        'regimes': where.by_regime(evidence, fitter.base),
+        'records': records}, suspect.reason if suspect else ''
 
 
 def _causes(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds
@@ -113,14 +121,13 @@ def _pair_chance(verdict, ranked: Ranked) -> float:
     return verdict.confidence if chosen else 0.0
 
 
-def _block(verdict, fractions: dict, suspect: str | None, singles: list[Ranked]) -> str | None:
+def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:
     if verdict.word == 'NO_GAP':
         return None
     if verdict.selected:
         return EFFECTS[verdict.selected[0]].block
     if fractions and max(fractions.values()) > 0.0:
-        largest = max(fractions, key=lambda block: fractions[block])
-        return suspect if suspect and largest != 'drive' else largest
+        return max(fractions, key=lambda block: fractions[block])
     return EFFECTS[singles[0].name].block
 
 

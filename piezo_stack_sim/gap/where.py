@@ -142,9 +142,7 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
             square = float(np.mean(wrong ** 2))
             power[block] = power.get(block, 0.0) + max(square - (LOUD * noise) ** 2, 0.0)
             loud.setdefault(block, []).append(math.sqrt(square) / max(noise, 1e-30))
-    total = sum(power.values())
-    fractions = {block: (value / total if total > 0.0 else 0.0)
-                 for block, value in power.items()}
+    fractions = _fractions(power)
     blocks = {}
     for block, ratios in loud.items():
         ratio = float(np.sqrt(np.mean(np.square(ratios))))
@@ -167,7 +165,8 @@ def by_record(evidence: Evidence, residual: np.ndarray) -> tuple[dict, dict]:
 
 def _fractions(power: dict) -> dict:
     total = sum(power.values())
-    return {name: (value / total if total > 0.0 else 0.0) for name, value in power.items()}
+    return {name: (float(value / total) if total > 0.0 else 0.0)
+            for name, value in power.items()}
 
 
 def by_band(evidence: Evidence, residual: np.ndarray) -> list[dict]:
