@@ -249,6 +249,69 @@ def test_ctrl_c_keeps_what_was_recorded_and_ramps_down(wall_device, tmp_path):
     assert np.abs(np.diff(client.heard['voltage'])).max() < 8.0
 
 
+def test_a_recording_that_cannot_be_written_ends_with_the_ramp_down(
+        wall_device, tmp_path, monkeypatch, capfd):
+    from piezo_stack_sim.recording.write import CsvWriter
+    written = []
+
+    def full(writer, rows):
+        written.append(len(rows))
+        if len(written) > 2:
+            raise OSError(28, 'No space left on device', str(tmp_path / 'steps.csv'))
+
+    monkeypatch.setattr(CsvWriter, 'write', full)
+    client = Client(wall_device)
+    client.until(lambda: client.heard['voltage'], 'the voltage')
+    assert excite('steps', '--levels', '0', '80', '80', '--hold', '1', '--transition', '0.1',
+                  '--node', wall_device, '--out', tmp_path) != 0
+    assert 'No space left' in capfd.readouterr().err
+    heard = client.heard['voltage']
+    client.until(lambda: max(heard) > 70.0 and abs(heard[-1]) < 0.5, 'up and down again')
+    client.close()
+    down = heard[np.flatnonzero(np.array(heard) > 70.0)[-1]:]
+    assert np.abs(np.diff(down)).max() < 8.0
+
+
+DRIVER = """
+import sys, time
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+rclpy.init()
+node = Node('driver', namespace=sys.argv[1], start_parameter_services=False)
+value = [0.0]
+def take(message):
+    value[0] = message.data
+node.create_subscription(Float64, '~/voltage_command', take, 10)
+state = node.create_publisher(JointState, '~/state', 10)
+def tick():
+    message = JointState(name=['stage'], position=[1e-7 * value[0]])
+    message.header.stamp = node.get_clock().now().to_msg()
+    state.publish(message)
+node.create_timer(0.005, tick)
+print('up', flush=True)
+rclpy.spin(node)
+"""
+
+
+def test_a_driver_that_tells_no_rate_is_commanded_at_the_round_one_that_its_stamps_show(tmp_path):
+    driver = subprocess.Popen([sys.executable, '-c', DRIVER, SPACE], env=ENVIRONMENT,
+                              stdout=subprocess.PIPE, text=True)
+    try:
+        assert driver.stdout.readline() == 'up\n'
+        assert excite('triangle', '--peaks', '60', '--frequency', '1', '--cycles', '1',
+                      '--patience', '3', '--node', f'{SPACE}/driver', '--out', tmp_path) == 0
+    finally:
+        driver.kill()
+        driver.wait(PATIENCE)
+    recording = read_set(tmp_path)['triangle']
+    assert recording.period == pytest.approx(0.005, rel=0.02)
+    assert 180 < len(recording) < 220  # one second of 200 Hz
+    measured = recording.measured['displacement']
+    assert measured.max() == pytest.approx(60e-7, rel=0.03)
+
+
 def test_a_killed_recording_can_be_read(wall_device, tmp_path):
     process = subprocess.Popen(
         [sys.executable, '-m', 'piezo_stack_sim', 'excite', 'steps', '--node', wall_device,
@@ -273,6 +336,8 @@ def test_a_killed_recording_can_be_read(wall_device, tmp_path):
     (['triangle', '--drive', 'charge'], '--charge-per-volt'),
     (['triangle', '--drive', 'open'], 'only the programme force'),
     (['triangle', '--rest', '-1'], '--rest -1'),
+    (['bench', '--drive', 'charge', '--charge-per-volt', '2e-6'], '--charge-per-volt'),
+    (['bench', '--drive', 'charge', '--slew', '100'], '--slew: '),
 ])
 def test_wrong_arguments_are_one_line(capfd, tmp_path, arguments, reason):
     assert reason in error_of(capfd, *arguments, '--out', tmp_path / 'set')

@@ -134,8 +134,12 @@ def command(profile, out, node, namespace, drive, charge_per_volt, voltage_limit
     from piezo_stack_sim.node.excite_limits import Limits
     from piezo_stack_sim.progress import Bars
 
-    if (drive == 'charge') != (charge_per_volt is not None) and profile in (*PROFILES, 'all'):
-        raise InputError('--drive charge and --charge-per-volt F: expected both or none')
+    if profile in (*PROFILES, 'all'):
+        if (drive == 'charge') != (charge_per_volt is not None):
+            raise InputError('--drive charge and --charge-per-volt F: expected both or none')
+    elif drive == 'charge':
+        _refuse_volts(charge_per_volt=charge_per_volt, voltage_limits=voltage_limits, slew=slew,
+                      current=current)
     _check_positive(rate=rate, patience=patience, charge_per_volt=charge_per_volt)
     if rest < 0.0:
         raise InputError(f'--rest {rest:g}: expected zero or more')
@@ -158,6 +162,15 @@ def command(profile, out, node, namespace, drive, charge_per_volt, voltage_limit
         click.echo(f'interrupted: what was recorded is kept, the device is left at '
                    f'{outcome.left_at:g} {unit}', err=True)
         sys.exit(130)
+
+
+def _refuse_volts(**values):
+    """Refuse what is meant in volts where coulombs that were recorded are played again."""
+    from piezo_stack_sim.errors import InputError
+    for name, value in values.items():
+        if value is not None:
+            raise InputError(f'--{name.replace("_", "-")}: with --drive charge a recording set is '
+                             'played in its own coulombs, and limits are in volts; leave it out')
 
 
 def _check_positive(**values):

@@ -175,7 +175,7 @@ def _run(link: Link, programmes, paths, session: Session, stop: _Stop, outcome: 
     if not link.lockstep:
         player.prepare()  # it may be what tells the rate
     played = []
-    for recording in programmes(player.rate):
+    for recording in _made(programmes, player.rate, session, link):
         recording = _at_rate(recording, player.rate, link)
         recording, remarks = session.limits.enforce(recording, session.clip)
         played.append(recording)
@@ -188,9 +188,23 @@ def _run(link: Link, programmes, paths, session: Session, stop: _Stop, outcome: 
         if link.lockstep:
             player.prepare()
         _perform(_Stage(link, player, session, stop), played, paths, stop, outcome, progress)
-    finally:
+    except BaseException:
         if drive is not None:
-            link.set_drive(drive)
+            with suppress(InputError):
+                link.set_drive(drive)
+        raise
+    if drive is not None:
+        link.set_drive(drive)
+
+
+def _made(programmes, rate: float, session: Session, link: Link) -> Sequence[Recording]:
+    try:
+        return programmes(rate)
+    except InputError as error:
+        if session.rate is not None or link.lockstep:
+            raise
+        raise InputError(f'{error}; {link.device} runs at {rate:g} Hz, another rate of commands '
+                         'can be chosen with --rate') from None
 
 
 def _perform(stage: _Stage, played, paths, stop: _Stop, outcome: Outcome, progress) -> None:
@@ -235,10 +249,11 @@ class _Stage:
     def _play(self, volts: np.ndarray, forces: np.ndarray, sink, stopped) -> int:
         commands = volts * self._scale if self._scale != 1.0 else volts
         self._moved = True
-        count = self._player.play(commands, forces, sink, stopped)
-        if count:
-            self.value, self._force = float(commands[count - 1]), float(forces[count - 1])
-        return count
+        try:
+            return self._player.play(commands, forces, sink, stopped)
+        finally:  # whatever went wrong: the ramp down begins where the device stands
+            if self._player.sent is not None:
+                self.value, self._force = self._player.sent
 
     def _ramp_to_safe(self, stopped) -> None:
         limits, rate = self._session.limits, self._player.rate
@@ -290,16 +305,3 @@ class _Stage:
         """Leave the device at the safe voltage and without force."""
         if self._moved and (self._driven or self._force):
             self._ramp_to_safe(never)
-
-
-def wait_for_device(device: str, drive: str = 'voltage', patience: float = 60.0) -> None:
-    """Wait until a device answers; InputError when it does not within `patience` seconds."""
-    with _ros():
-        end = time.monotonic() + patience
-        while True:
-            try:
-                Link(device, drive, min(patience, 2.0)).close()
-                return
-            except InputError:
-                if time.monotonic() > end:
-                    raise

@@ -58,6 +58,8 @@ class Link:
         Whether each command advances the device by one period.
     rate : float or None
         Hz, as far as the device tells.
+    epoch : int
+        What stamps are counted from, in seconds of the device's clock.
     heard : dict of str to deque of Heard
         What arrived, oldest first, by channel; ``tick`` is the topic whose
         messages count the ticks.
@@ -98,6 +100,8 @@ class Link:
         values = self._read_parameters('rate', 'stepping', 'drive', 'actuator.voltage_range')
         self.rate, stepping, self.drive, self.voltage_range = values
         self.lockstep = stepping == 'lockstep'
+        self.epoch = 0
+        self._epoch_known = self.lockstep  # time begins at zero there
         self._listen()
 
     def _others(self, topic: str) -> str:
@@ -156,7 +160,10 @@ class Link:
 
         def take_state(message):
             stamp = message.header.stamp
-            heard.append(Heard(next(self._numbers), stamp.sec + 1e-9 * stamp.nanosec,
+            if not self._epoch_known:
+                # Seconds since 1970 leave a float a resolution of a quarter of a microsecond.
+                self.epoch, self._epoch_known = stamp.sec, True
+            heard.append(Heard(next(self._numbers), stamp.sec - self.epoch + 1e-9 * stamp.nanosec,
                                time.monotonic(), message.position[0]))
 
         return take_state if name == 'state' else take_scalar

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from piezo_stack_sim.errors import InputError
@@ -37,6 +38,8 @@ class LockstepPlayer:
         Ticks a second of device time (Hz).
     present : dict of str to float
         The newest sample by channel (SI).
+    sent : tuple of (float, float) or None
+        The newest command (V or C) and force (N).
 
     """
 
@@ -46,11 +49,24 @@ class LockstepPlayer:
         self._stamp: float | None = None  # of the newest tick; None when it is not known
         self._force = 0.0
         self.present: dict[str, float] = {}
+        self.sent: tuple[float, float] | None = None
 
     def prepare(self) -> None:
         """Step the device until every topic is connected, and no message is on its way."""
         link = self._link
         link.call('pause', data=True)
+        try:
+            self._connect()
+        except BaseException:
+            with suppress(InputError):  # the first fault is the one to tell
+                link.call('pause', data=False)
+            raise
+        self._take()
+        link.call('pause', data=False)
+        link.drain()
+
+    def _connect(self) -> None:
+        link = self._link
         clean = 0
         for _ in range(50):
             link.drain(0.02)
@@ -62,12 +78,8 @@ class LockstepPlayer:
                 continue
             clean += all(len(heard) == 1 for heard in link.heard.values())
             if clean > 1:
-                break
-        else:
-            raise InputError(f'{link.device}: its topics do not connect')
-        self._take()
-        link.call('pause', data=False)
-        link.drain()
+                return
+        raise InputError(f'{link.device}: its topics do not connect')
 
     def reset(self, command: float) -> None:
         """Relax the device; one tick at a command (V or C) gives the first sample."""
@@ -120,6 +132,7 @@ class LockstepPlayer:
                 changed = steps_by_force or force != self._force
                 link.send(float(commands[sent]), force if changed else None)
                 self._force = force
+                self.sent = float(commands[sent]), force
                 sent += 1
             if sent == got:
                 break

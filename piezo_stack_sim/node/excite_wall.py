@@ -37,6 +37,8 @@ class WallPlayer:
         Commands a second (Hz).
     present : dict of str to float
         The newest sample by channel (SI).
+    sent : tuple of (float, float) or None
+        The newest command (V or C) and force (N).
 
     """
 
@@ -47,6 +49,7 @@ class WallPlayer:
         self._offset = 0.0  # s from a stamp to the steady clock here
         self._force = 0.0
         self.present: dict[str, float] = {}
+        self.sent: tuple[float, float] | None = None
         self._ticks: list[Heard] = []  # not yet made into rows
         self._last: Heard | None = None  # the newest that was
         self._leads: dict[str, bool] = {}  # channels that are sent before their tick
@@ -61,15 +64,19 @@ class WallPlayer:
                   f'{link.device} sends no samples; if it is paused, call '
                   f'{link.device}/pause with false')
         stamps = np.array([tick.stamp for tick in ticks])
-        self._period = float(np.median(np.diff(stamps)))
-        if self._period <= 0.0:
+        steps = np.diff(stamps)
+        usual = float(np.median(steps))
+        if usual <= 0.0:
             raise InputError(f'{link.device}: its stamps stand still or go backwards')
+        # Jitter averages out over all of them; a lost sample makes a step of two periods.
+        self._period = float(np.sum(steps) / max(np.sum(np.rint(steps / usual)), 1.0))
         # The message that came fastest tells best how far the two clocks are apart.
         self._offset = float(min(tick.arrived - tick.stamp for tick in ticks))
-        here = time.monotonic() - time.time()
+        here = time.monotonic() - (time.time() - link.epoch)
         if 0.0 <= self._offset - here < _SAME_CLOCK:
             self._offset = here  # the clock of this host; the rest was the message's way
-        self.rate = self.rate or link.rate or 1.0 / self._period
+        # Stamps jitter; a command need not come with a tick, so that a round rate will do.
+        self.rate = self.rate or link.rate or float(f'{1.0 / self._period:.3g}')
         for name, heard in link.heard.items():
             self._leads[name] = self._is_before(heard, stamps.size)
         self._observe()
@@ -126,6 +133,7 @@ class WallPlayer:
             force = float(forces[k])
             link.send(float(commands[k]), force if force != self._force else None)
             self._force = force
+            self.sent = float(commands[k]), force
             self._times.append(now)
             deadline += period if now - deadline < 0.5 * period else period + now - deadline
             if link.heard['tick']:
