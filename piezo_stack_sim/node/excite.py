@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 import signal
 import threading
-import time
 
 import numpy as np
 from piezo_stack_sim.errors import InputError
