@@ -286,6 +286,17 @@ def test_extremes_stay_finite(device):
         assert np.isfinite(answer.displacement).all() and np.isfinite(answer.charge).all()
 
 
+def test_irregular_rows_may_begin_at_any_time(device):
+    time = np.array([0.0, 1e-4, 3e-4, 6e-4, 8e-4, 1.1e-3])
+    command = np.linspace(0.0, 50.0, time.size)
+    at_zero = simulate(device, time, command)
+    for start in (-3e-4, -1.0, 5.0):
+        answer = simulate(device, time + start, command)
+        for name in ('displacement', 'charge', 'voltage'):
+            np.testing.assert_allclose(getattr(answer, name), getattr(at_zero, name), rtol=1e-6)
+        assert np.array_equal(answer.time, time + start)
+
+
 def test_the_tick_grid_of_irregular_rows_does_not_drift(device):
     random = np.random.default_rng(9)
     time = np.cumsum(random.uniform(0.5e-3, 1.5e-3, 2000))

@@ -79,3 +79,19 @@ def test_a_set_that_cannot_be_simulated_is_refused_in_one_line(tmp_path, capsys,
     assert err.count('\n') == 1
     for word in words:
         assert word in err
+
+
+@pytest.mark.parametrize('given', ['set', 'set/rise.csv'])
+def test_a_measurement_is_not_overwritten_by_its_simulation(given, recordings, tmp_path, capsys):
+    before = (recordings / 'rise.csv').read_bytes()
+    assert main(['simulate', str(tmp_path / given), '--params', PARAMS,
+                 '--out', str(recordings)]) == 2
+    assert 'would be overwritten' in capsys.readouterr().err
+    assert sorted(path.name for path in recordings.iterdir()) == ['push.csv', 'rise.csv']
+    assert (recordings / 'rise.csv').read_bytes() == before
+
+
+def test_a_seed_without_noise_is_refused(recordings, tmp_path, capsys):
+    assert main(['simulate', str(recordings), '--params', PARAMS, '--seed', '3',
+                 '--out', str(tmp_path / 'out')]) == 2
+    assert '--noise' in capsys.readouterr().err

@@ -34,11 +34,14 @@ def command(recordings, params, out, maps, units, noise, seed):
     from piezo_stack_sim.recording.read import read_set
     from piezo_stack_sim.recording.write import write_csv_set
 
-    if Path(out).resolve() == Path(recordings).resolve():
-        raise InputError(f'--out {out}: expected another folder than SET; '
+    given_at = Path(recordings).resolve()
+    if Path(out).resolve() in (given_at, given_at.parent if given_at.is_file() else given_at):
+        raise InputError(f'--out {out}: expected another folder than that of SET; '
                          'the recordings would be overwritten')
     device = load_device(params)
     given = read_set(recordings, mapping=maps, units=units)
+    if seed is not None and not noise:
+        raise InputError('--seed: there is no noise to seed; add --noise or leave it out')
     answers = []
     for recording in track(given.recordings, 'Simulating'):
         response = simulate(

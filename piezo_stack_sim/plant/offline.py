@@ -123,6 +123,7 @@ def _check(time, command, force) -> None:
 
 def _run_irregular(plant: Plant, time, command, force) -> Response:
     """Rows of unequal length: a timeline of commands and readings, cut at each of them."""
+    given, time = time, time - time[0]
     source = plant.source_values(command)
     lag, delay = plant.delays
     n = time.size
@@ -152,7 +153,7 @@ def _run_irregular(plant: Plant, time, command, force) -> Response:
     out, read = np.empty((n - 1, layout.N_OUTPUTS)), np.full(n - 1, np.nan)
     plant.run_segments(tables, seg_class, seg_ticks, u, f, rows, reads, out, read)
     read[np.isnan(read)] = plant.zero[0]  # what a delayed sensor shows of the time before
-    return plant.finish(time, out, read)
+    return plant.finish(given, out, read)
 
 
 def _index_of(moments, ends, tolerance) -> np.ndarray:
