@@ -57,6 +57,24 @@ def atomic_path(path):
         partial.unlink(missing_ok=True)
 
 
+def make_folder(path):
+    """
+    Make a folder and those above it, if they are missing; return its Path.
+
+    Raises
+    ------
+    InputError
+        When that is not possible.
+
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be made a folder: {error.strerror}') from error
+    return path
+
+
 def write_text(path, text):
     """Write a UTF-8 text file atomically (see `atomic_path`)."""
     with atomic_path(path) as partial:

@@ -222,7 +222,6 @@ def save(figure: Any, stem: str | os.PathLike[str],
 
     """
     base = Path(stem)
-    base.parent.mkdir(parents=True, exist_ok=True)
     written = []
     for suffix in suffixes:
         path = base.with_name(f'{base.name}.{suffix}')

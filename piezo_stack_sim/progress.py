@@ -21,14 +21,39 @@ class Bars:
 
     def __call__(self, name, done, total=1.0):
         """Show that so much of a piece is done."""
+        from rich.markup import escape
         if self._bar:
             if name not in self._tasks:
-                self._tasks[name] = self._bar.add_task(name, total=total)
+                self._tasks[name] = self._bar.add_task(escape(name), total=total)
             self._bar.update(self._tasks[name], completed=done)
 
     def __exit__(self, *_):
         if self._bar:
             self._bar.stop()
+
+
+class Stage:
+    """A spinner with the present stage of one long piece of work; a context and a callable."""
+
+    def __init__(self, before=''):
+        self._before, self._status = before, None
+
+    def __enter__(self):
+        if sys.stderr.isatty():
+            from rich.console import Console
+            self._status = Console(stderr=True).status('starting')
+            self._status.start()
+        return self
+
+    def __call__(self, stage):
+        """Show what is being done."""
+        from rich.markup import escape
+        if self._status:
+            self._status.update(escape(f'{self._before}{stage}'))
+
+    def __exit__(self, *_):
+        if self._status:
+            self._status.stop()
 
 
 def track(items, description, total=None):
@@ -48,8 +73,9 @@ def track(items, description, total=None):
     if not sys.stderr.isatty():
         yield from items
         return
+    from rich.markup import escape
     with _progress() as bar:
-        yield from bar.track(items, total, description=description)
+        yield from bar.track(items, total, description=escape(description))
 
 
 def _progress():

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several devices at once: the same answers here, over processes and on a Dask cluster."""
 
+from dataclasses import replace
 import json
 
 from piezo_stack_sim.cli import main
+from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.many import diagnose_many, Job
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.plant.parameters import save_device
@@ -49,6 +51,9 @@ def test_a_dask_cluster_answers_what_processes_answer(tmp_path):
     assert sorted(here) == sorted(there) and not any('failed' in line for line in here)
     assert answers(jobs('here')) == answers(jobs('there'))
     assert again == ['done before'] * len(devices)
+    # What is there is not passed off as the answer to another question.
+    with pytest.raises(InputError, match='made from other unit .*remove it'):
+        next(diagnose_many([replace(jobs('there')[0], units=('displacement=um',))]))
 
 
 @pytest.mark.parametrize('arguments, words', [

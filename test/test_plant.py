@@ -5,13 +5,19 @@
 import csv
 import gzip
 import math
+import os
 from pathlib import Path
+import shutil
+import subprocess
+import sys
+import threading
 
 import numpy as np
+import piezo_stack_sim
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import (
     Device, Load, Plant, PlantState, simulate, simulate_many)
-from piezo_stack_sim.plant import offline, stack
+from piezo_stack_sim.plant import compilation, offline, stack
 from piezo_stack_sim.recording.recording import Recording
 import pytest
 
@@ -231,6 +237,24 @@ def test_a_state_that_no_history_leads_to_is_refused(device):
         plant.restore(PlantState.from_dict(saved))
 
 
+@pytest.mark.parametrize('effect', ['command_delay', 'sensor_delay'])
+def test_a_state_of_a_device_with_other_delays_is_refused(device, effect):
+    saved = Plant(device, 1e-3, 'voltage').state
+    late = Plant(device.with_effects({effect: {'delay': 2.5e-3}}), 1e-3, 'voltage')
+    with pytest.raises(InputError, match='delays'):
+        late.restore(saved)
+
+
+def test_a_compilation_beside_that_fails_is_told(monkeypatch):
+    told, told_failed = threading.Event(), []
+    monkeypatch.setattr(compilation.sys, 'executable', shutil.which('false'))
+    kernel = compilation.LateKernel(
+        told.set, lambda status: (told_failed.append(status), told.set()))
+    assert told.wait(60.0)
+    kernel.stop()
+    assert told_failed == [1]
+
+
 @pytest.mark.parametrize('first, second', [('voltage', 'charge'), ('charge', 'voltage'),
                                            ('voltage', 'open'), ('charge', 'open')])
 def test_switching_the_drive_does_not_move_the_device(device, first, second):
@@ -306,3 +330,24 @@ def test_the_tick_grid_of_irregular_rows_does_not_drift(device):
     slow = simulate(device, np.arange(2000) * 1e-3, 30.0 * (
         1.0 - np.cos(2.0 * np.pi * np.arange(2000) * 1e-3)))
     assert answer.displacement.max() == pytest.approx(slow.displacement.max(), abs=20e-9)
+
+
+def test_compiled_code_is_not_kept_when_what_it_calls_has_changed(tmp_path):
+    """Numba by itself looks at the file of a kernel alone."""
+    package = tmp_path / 'piezo_stack_sim'
+    shutil.copytree(Path(piezo_stack_sim.__file__).parent, package,
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    code = ('from piezo_stack_sim.plant.cubic import hermite; hermite(0.5, 0.0, 1.0, 1.0, 1.0); '
+            'print(sum(hermite.stats.cache_hits.values()))')
+
+    def hits():
+        environment = {name: value for name, value in os.environ.items()
+                       if name != 'NUMBA_CACHE_DIR'} | {'PYTHONPATH': os.pathsep.join(
+                           [str(tmp_path), *filter(None, sys.path)])}
+        return subprocess.run([sys.executable, '-c', code], env=environment, cwd=tmp_path,
+                              capture_output=True, text=True, check=True).stdout.strip()
+
+    assert (hits(), hits()) == ('0', '1')
+    with open(package / 'plant' / 'layout.py', 'a', encoding='utf-8') as file:
+        file.write('# changed\n')
+    assert (hits(), hits()) == ('0', '1')

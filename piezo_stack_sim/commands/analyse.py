@@ -8,6 +8,7 @@ import math
 import click
 
 from piezo_stack_sim.commands.options import params_option
+from piezo_stack_sim.commands.terminal import console
 from piezo_stack_sim.errors import InputError
 
 
@@ -46,13 +47,9 @@ def command(params, voltages, forces, as_json):
 
 
 def _print(device, result):
-    import sys
-
-    from rich.console import Console
     from rich.table import Table
 
-    # In a pipe rich assumes 80 columns and cuts; a reader of a file can scroll.
-    console = Console(width=None if sys.stdout.isatty() else 140)
+    screen = console()
 
     def table(title, columns):
         made = Table(title=title, title_justify='left')
@@ -64,7 +61,7 @@ def _print(device, result):
     for name, entry in result['summary'].items():
         rows.add_row(name.replace('_', ' '), _shown(entry['value'], entry['unit']),
                      entry['source'])
-    console.print(rows)
+    screen.print(rows)
 
     rows = table('Led slowly, free and on a wall', [
         'voltage', 'first rise', 'cycled stroke', 'remains', 'loop width', 'of stroke',
@@ -76,11 +73,11 @@ def _print(device, result):
             f'{100.0 * row["loop_width_share"]:.1f} %', _shown(row['capacitance'], 'F'),
             _shown(row['loss'], 'J'), f'{row["loss_tangent"]:.3f}',
             _shown(row['blocked_force'], 'N'), '' if row['in_range'] else 'beyond')
-    console.print(rows)
+    screen.print(rows)
     if not all(row['in_range'] for row in result['voltage']):
         n = len(device.actuator.maxwell_stiffness)
-        console.print(f'beyond: element {n}, the last one, slips there; no real stack does. Make '
-                      'its break voltage .inf to use these voltages.')
+        screen.print(f'beyond: element {n}, the last one, slips there; no real stack does. Make '
+                     'its break voltage .inf to use these voltages.')
 
     rows = table('Squeezed from 0 to a force, leads shorted', [
         'force', 'first squeeze', 'cycled travel', 'stiffness', 'loop width', 'loss/cycle',
@@ -90,7 +87,7 @@ def _print(device, result):
                      _shown(row['travel'], 'm'), f'{row["stiffness"] * 1e-6:.2f} N/µm',
                      _shown(row['loop_width'], 'm'), _shown(row['loss'], 'J'),
                      _shown(row['open_travel'], 'm'))
-    console.print(rows)
+    screen.print(rows)
 
     rows = table('Small-signal responses, closed form; deviation of the simulated device', [
         'frequency', 'X/Q', 'phase', 'deviation', 'impedance', 'phase', 'deviation'])
@@ -100,9 +97,9 @@ def _print(device, result):
                      _shown(row['impedance'], 'Ω'), f'{row["impedance_phase"]:.1f}°',
                      f'{100.0 * row["impedance_deviation"]:.2f} %')
     if result['response']:
-        console.print(rows)
+        screen.print(rows)
     if device.effects:
-        console.print(f'Left out: the effects {", ".join(device.effects)}.')
+        screen.print(f'Left out: the effects {", ".join(device.effects)}.')
 
 
 def _shown(value, unit):

@@ -3,9 +3,10 @@
 """``piezo_stack bench``: speed and accuracy beside peers, in one run."""
 
 import json
-import sys
 
 import click
+
+from piezo_stack_sim.commands.terminal import console
 
 
 @click.command('bench')
@@ -49,10 +50,9 @@ def command(params, quick, effects, node, only_node, as_json):
 
 
 def _print_effects(cost):
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    screen = console(120)
     rows = Table(title=f'Five test programmes, {cost["rows"]:,} rows, processor time',
                  title_justify='left')
     for column in ('effect', 'time', 'x without'):
@@ -62,17 +62,16 @@ def _print_effects(cost):
                       ('all, typical', cost['all'])):
         rows.add_row(name.replace('_', ' '), f'{1e3 * row["time"]:.1f} ms', f'{row["ratio"]:.2f}',
                      end_section=name == 'all, neutral' or name == list(cost['effects'])[-1])
-    console.print(rows)
+    screen.print(rows)
 
 
 def _print_speed(speed):
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    screen = console(120)
     plant, machine = speed['plant'], speed['machine']
-    console.print(f'{machine["processor"]}, one of {machine["cores"]} cores, '
-                  f'Python {machine["python"]}')
+    screen.print(f'{machine["processor"]}, one of {machine["cores"]} cores, '
+                 f'Python {machine["python"]}')
 
     rows = Table(title='Plant, test programmes whole, after warm-up', title_justify='left')
     for column in ('programme', 'rows', 'device time', 'processor time', 'x real time',
@@ -84,7 +83,7 @@ def _print_speed(speed):
         rows.add_row(name, f'{row["rows"]}', f'{row["duration"]:.1f} s',
                      f'{1e3 * row["time"]:.2f} ms', f'{row["real_time_factor"]:,.0f}',
                      *_off(row), end_section=name == 'force')
-    console.print(rows)
+    screen.print(rows)
 
     rows = Table(title='Side by side', title_justify='left')
     for column in ('', 'x real time', 'plant is faster by', 'off in x', 'off in q', 'computed'):
@@ -96,14 +95,14 @@ def _print_speed(speed):
             else f'{row["real_time_factor"]:,.0f}', f'{faster:,.0f}' if faster else '', *_off(row),
             f'{row["simulated"]:.2g} s, extrapolated' if row['extrapolated']
             else f'{row["simulated"]:.1f} s')
-    console.print(rows)
+    screen.print(rows)
     reference = speed['reference']
-    console.print(
+    screen.print(
         f'off: largest distance to a {reference["method"]} of {1e9 * reference["step"]:.0f} ns '
         f'steps, which is itself within {1e9 * reference["displacement_error"]:.2g} nm and '
         f'{1e9 * reference["charge_error"]:.2g} nC of one of twice the step.')
     for name in speed['missing']:
-        console.print(f'{name} is not installed and therefore left out.')
+        screen.print(f'{name} is not installed and therefore left out.')
 
 
 def _off(row):
@@ -128,10 +127,9 @@ def _measure_node():
 
 
 def _print_node(node):
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 130, highlight=False)
+    screen = console(130)
     rows = Table(title='Node, ticks by wall time', title_justify='left')
     for column in ('', 'rate', 'of a core', 'ticks', 'missed', 'late: median', '99 %', '99.9 %',
                    'most', 'within 0.5 ms'):
@@ -145,9 +143,9 @@ def _print_node(node):
         rows.add_row(row['name'], f'{row["rate"]:.0f} Hz', f'{100.0 * row["cpu"]:.1f} %',
                      f'{row["ticks"]}', f'{row["missed"]}', *late,
                      f'{100.0 * row["within_half_ms"]:.2f} %')
-    console.print(rows)
+    screen.print(rows)
     lockstep = node['lockstep']
-    console.print(
+    screen.print(
         f'At 1 kHz the node takes {node["processor_ratio_at_1_khz"]:.2f} times the processor time '
         'of a bare rclpy node that publishes the same messages.\n'
         f'Lockstep with a client in another process: {lockstep["exchanges_per_second"]:,.0f} '

@@ -7,6 +7,7 @@ import json
 import click
 
 from piezo_stack_sim.commands.options import map_option, params_option, unit_option
+from piezo_stack_sim.commands.terminal import console
 
 
 @click.command('compare')
@@ -17,8 +18,6 @@ from piezo_stack_sim.commands.options import map_option, params_option, unit_opt
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON instead of tables.')
 def command(recordings, params, maps, units, as_json):
     """Compare recordings with the simulation: how large the gap is, and where it lies."""
-    from rich.console import Console
-
     from piezo_stack_sim.gap.compare import compare_set
     from piezo_stack_sim.plant import load_device
     from piezo_stack_sim.recording.read import read_set
@@ -28,9 +27,9 @@ def command(recordings, params, maps, units, as_json):
     if as_json:
         click.echo(json.dumps(result, indent=1))
         return
-    console = Console()
+    out = console()
     for table in _tables(result):
-        console.print(table)
+        out.print(table)
 
 
 def _tables(result):

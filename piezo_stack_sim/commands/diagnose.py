@@ -10,7 +10,7 @@ import click
 from piezo_stack_sim.commands.options import (
     map_option, out_folder_option, params_option, unit_option)
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.progress import Bars
+from piezo_stack_sim.progress import Bars, Stage
 
 
 @click.command('diagnose')
@@ -20,7 +20,8 @@ from piezo_stack_sim.progress import Bars
 @map_option
 @unit_option
 @click.option('--separate', is_flag=True,
-              help='Every SET is a device of its own; its answer goes to DIR/NAME.')
+              help='Every SET is a device of its own; its answer goes to DIR/NAME. '
+              'Answers that are there already are kept.')
 @click.option('--jobs', type=click.IntRange(min=1), default=1, show_default=True,
               help='With --separate: sets at a time on this machine.')
 @click.option('--scheduler', metavar='ADDRESS', default=None,
@@ -41,7 +42,7 @@ def command(recordings, params, out, maps, units, separate, jobs, scheduler):
             given = f'--scheduler {scheduler}' if scheduler else f'--jobs {jobs}'
             raise InputError(f'{given} spreads devices, and several SETs are recordings of one: '
                              'add --separate if every SET is a device of its own')
-        with _progress() as say:
+        with Stage() as say:
             diagnosis = diagnose_to_folder(list(recordings), params, out, maps, units, say)
         terminal_summary(diagnosis)
         return
@@ -62,23 +63,3 @@ def command(recordings, params, out, maps, units, separate, jobs, scheduler):
     if failed:
         click.echo(f'{failed} of {len(todo)} sets failed; the others are in {out}', err=True)
         sys.exit(2)
-
-
-class _progress:
-    """A spinner with the present stage on a terminal, nothing in a pipe."""
-
-    def __enter__(self):
-        self._status = None
-        if sys.stderr.isatty():
-            from rich.console import Console
-            self._status = Console(stderr=True).status('starting')
-            self._status.start()
-        return self._say
-
-    def _say(self, message):
-        if self._status:
-            self._status.update(message)
-
-    def __exit__(self, *_):
-        if self._status:
-            self._status.stop()

@@ -3,10 +3,11 @@
 """``piezo_stack effects``: what a real set-up adds to the ideal stack."""
 
 from pathlib import Path
-import sys
 
 import click
 
+from piezo_stack_sim.atomic import make_folder
+from piezo_stack_sim.commands.terminal import console
 from piezo_stack_sim.errors import InputError
 
 
@@ -84,7 +85,7 @@ def _picture(effect, device, values, test, path):
 
     if test is not None and test not in experiments():
         raise InputError(f'--test {test}: expected one of {", ".join(experiments())}')
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with plotting.style():
         save(draw(effect, device, values, test), path)
 
@@ -94,7 +95,7 @@ def _write_all(effects, device, test, folder):
     from piezo_stack_sim.progress import track
     from piezo_stack_sim.signature.page import index, page
 
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     pages = {'README': index(effects.values())}
     for effect in track(list(effects.values()), 'Drawing'):
         _picture(effect, device, effect.typical(), test, folder / f'{effect.id}.png')
@@ -103,13 +104,6 @@ def _write_all(effects, device, test, folder):
         with atomic_path(folder / f'{name}.md') as partial:
             partial.write_text(text, encoding='utf-8')
     click.echo(f'{len(effects)} effects: {folder}')
-
-
-def _console():
-    from rich.console import Console
-
-    # In a pipe rich assumes 80 columns and cuts; a reader of a file can scroll.
-    return Console(width=None if sys.stdout.isatty() else 140, highlight=False)
 
 
 def _list(effects):
@@ -125,28 +119,28 @@ def _list(effects):
         table.add_row(effect.block if effect.block != block else '', effect.id, effect.summary,
                       ', '.join(effect.channels))
         block = effect.block
-    console = _console()
-    console.print(table)
-    console.print('piezo_stack effects ID explains one.')
+    screen = console()
+    screen.print(table)
+    screen.print('piezo_stack effects ID explains one.')
 
 
 def _explain(effect, values):
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     from piezo_stack_sim.signature.page import explanation, number, rows, setting
 
-    console = _console()
-    console.print(f'[bold]{effect.id}[/bold] ({effect.block}): {escape(effect.summary)}\n')
-    console.print(escape(explanation(effect)) + '\n')
+    screen = console()
+    screen.print(Text.assemble((effect.id, 'bold'), f' ({effect.block}): {effect.summary}\n'))
+    screen.print(explanation(effect) + '\n')
     table = Table()
     for column in ('parameter', 'unit', 'neutral', 'bounds', 'typical', 'while running', ''):
         table.add_column(column)
     for row in rows(effect):
         table.add_row(*row)
-    console.print(table)
-    console.print(f'Moves: {", ".join(effect.channels)}. Typical, in a parameter file:\n')
-    console.print(escape(setting(effect)) + '\n')
+    screen.print(table)
+    screen.print(f'Moves: {", ".join(effect.channels)}. Typical, in a parameter file:\n')
+    screen.print(setting(effect) + '\n')
     if values != effect.typical():
         shown = ', '.join(f'{key} = {number(value)}' for key, value in values.items())
-        console.print(f'Shown with {shown}.')
+        screen.print(f'Shown with {shown}.')

@@ -5,6 +5,7 @@
 import click
 
 from piezo_stack_sim.commands.options import map_option, unit_option
+from piezo_stack_sim.commands.terminal import console
 
 
 @click.command('identify')
@@ -19,28 +20,21 @@ from piezo_stack_sim.commands.options import map_option, unit_option
 @unit_option
 def command(recordings, out, elements, start, maps, units):
     """Find the parameters of an actuator from recordings of it."""
-    import sys
-
-    from rich.console import Console
-
     from piezo_stack_sim.identify.identification import identify
     from piezo_stack_sim.identify.write import write_actuator
     from piezo_stack_sim.plant import load_device
+    from piezo_stack_sim.progress import Stage
     from piezo_stack_sim.recording.read import read_set
 
     begin = load_device(start) if start else None
     given = read_set(list(recordings), mapping=maps, units=units)
-    if sys.stderr.isatty():
-        with Console(stderr=True).status('Identifying') as status:
-            found = identify(given, begin, elements,
-                             lambda line: status.update(f'Identifying: {line}'))
-    else:
-        found = identify(given, begin, elements)
+    with Stage('Identifying: ') as stage:
+        found = identify(given, begin, elements, stage)
     write_actuator(found, out)
-    console = Console(width=None if sys.stdout.isatty() else 110)
+    screen = console(110)
     for part in _tables(found):
-        console.print(part, highlight=False)
-    console.print(f'{out}: written', highlight=False, markup=False)
+        screen.print(part)
+    screen.print(f'{out}: written')
 
 
 def _tables(found):
@@ -54,7 +48,7 @@ def _tables(found):
         table.add_column(name, justify='right' if name in ('value', '95 % interval') else 'left')
     for each in found.estimates:
         table.add_row(
-            each.name.replace('[', r'\['), f'{each.value:.5g}', unit_of(each.name),
+            each.name, f'{each.value:.5g}', unit_of(each.name),
             f'+- {100.0 * each.half_width:.2g} %' if each.half_width < 1.0 else 'any',
             '' if each.determined else 'not determined')
     yield table
@@ -69,7 +63,7 @@ def _tables(found):
     if not found.fit.layout.last_slips:
         yield 'The last element never slips in these recordings.'
     for advice in dict.fromkeys(each.advice for each in found.undetermined):
-        names = ', '.join(e.name.replace('[', r'\[') for e in found.undetermined
+        names = ', '.join(e.name for e in found.undetermined
                           if e.advice == advice)
         yield f'Not determined by these recordings: {names}. What would: {advice}.'
     for finding in found.findings:

@@ -7,6 +7,9 @@ import sys
 
 import click
 
+from piezo_stack_sim.atomic import write_text
+from piezo_stack_sim.commands.terminal import console
+
 
 @click.command('soak')
 @click.option('--device-time', type=float, default=3600.0, show_default=True, metavar='S',
@@ -44,15 +47,14 @@ def command(device_time, wall_time, scale, only, as_list, as_json, out, markdown
     with Bars() as bar:
         outcomes = list(run(choose(only), device_time, wall_time, scale, bar))
     text = json.dumps([_plain(outcome) for outcome in outcomes], indent=2)
-    if out:
-        from pathlib import Path
-        Path(out).write_text(text + '\n', encoding='utf-8')
     if as_json:
         click.echo(text)
     elif markdown:
         _print_markdown(outcomes)
     else:
         _print_table(outcomes)
+    if out:
+        write_text(out, text + '\n')
     if not all(outcome.held for outcome in outcomes):
         sys.exit(1)
 
@@ -63,20 +65,20 @@ def _plain(outcome):
 
 
 def _print_table(outcomes):
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     rows = Table(title='What was done to the nodes', title_justify='left')
     for column in ('fault', 'what had to hold', 'measured', ''):
         rows.add_column(column)
     for outcome in outcomes:
-        done = f'[bold]{outcome.name}[/bold] ({outcome.stepping})\n{outcome.done}'
+        done = Text.assemble((outcome.name, 'bold'), f' ({outcome.stepping})\n{outcome.done}')
         for check in outcome.checks:
             rows.add_row(done, check.must, check.measured,
-                         '[green]held[/green]' if check.held else '[red]BROKE[/red]',
+                         Text('held', 'green') if check.held else Text('BROKE', 'red'),
                          end_section=check is outcome.checks[-1])
-            done = ''
-    Console(width=None if sys.stdout.isatty() else 140, highlight=False).print(rows)
+            done = Text()
+    console().print(rows)
 
 
 def _print_markdown(outcomes):

@@ -44,7 +44,7 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
     simulated = simulate_set(device, checked.recordings)
     evidence = prepare(sized(checked.recordings, simulated), simulated)
     residual = np.concatenate([
-        (track.measured[c] - track.average(answer[c])) / track.sigma[c]
+        track.weighted(c, answer[c])
         for track, answer in zip(evidence.tracks, simulated) for c in track.channels])
     cuts = where.block_residuals(device, evidence, simulated)
     fractions, blocks = where.shares(cuts, None, evidence.channels)

@@ -14,7 +14,8 @@ from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.recording import Recording
 
 # The kernel releases the interpreter lock: threads share the arrays of a set.
-_POOL = ThreadPoolExecutor(len(os.sched_getaffinity(0)), thread_name_prefix='simulate')
+_CORES = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
+_POOL = ThreadPoolExecutor(_CORES, thread_name_prefix='simulate')
 
 
 def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+import json
 from pathlib import Path
 
 from piezo_stack_sim.errors import InputError
@@ -46,14 +47,29 @@ def diagnose_many(jobs: list[Job], workers: int = 1, scheduler: str | None = Non
     Raises
     ------
     InputError
-        If Dask is asked for and not installed, or does not answer.
+        If Dask is asked for and not installed, or does not answer; if a
+        diagnosis.json is there that was made from something else.
 
     """
-    todo = []
-    for job in jobs:
-        if (Path(job.out) / 'diagnosis.json').exists():
-            yield job, 'done before'
-        else:
-            todo.append(job)
+    done = [_is_done(job) for job in jobs]  # of all, before the first is begun
+    yield from ((job, 'done before') for job, over in zip(jobs, done) if over)
+    todo = [job for job, over in zip(jobs, done) if not over]
     for i, line in spread(run_job, [(job,) for job in todo], workers, scheduler):
         yield todo[i], f'failed: {line}' if isinstance(line, Exception) else line
+
+
+def _is_done(job: Job) -> bool:
+    """Tell whether a job has its answer, made from what is given now."""
+    from piezo_stack_sim.gap.write import inputs_of
+    file = Path(job.out) / 'diagnosis.json'
+    if not file.exists():
+        return False
+    try:
+        made_from = json.loads(file.read_text(encoding='utf-8'))['inputs']
+    except (OSError, ValueError, TypeError, KeyError):
+        made_from = {}
+    for name, now in inputs_of(job.paths, job.params, job.mapping, job.units).items():
+        if made_from.get(name) != now:
+            raise InputError(f'{file}: made from other {name} ({made_from.get(name)}) than given '
+                             f'now ({now}): remove it or choose another --out')
+    return True

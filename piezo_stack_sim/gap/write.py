@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
+from piezo_stack_sim.atomic import make_folder
 from piezo_stack_sim.gap.diagnose import diagnose_set
 from piezo_stack_sim.gap.report import write_report
 from piezo_stack_sim.gap.storage import write_diagnosis
@@ -45,6 +45,7 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
 
     """
     device = load_device(params)
+    folder = make_folder(out)  # before minutes of work that would have nowhere to go
     progress('reading the recordings')
     recordings = read_set(list(paths), mapping=mapping, units=units)
     progress('compiling the plant, once on a machine')
@@ -52,13 +53,11 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     found = diagnose_set(recordings, device, progress)
     diagnosis, corrected = found.document, found.device
     diagnosis['how']['settings']['seconds'] = round(found.seconds, 1)
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
     files = {name: str(folder / file) for name, file in (
         ('diagnosis', 'diagnosis.json'), ('report', 'report.html'),
         ('corrected', 'corrected.yaml'))}
     diagnosis['files'] = files
-    diagnosis['inputs'] = {'sets': [str(path) for path in paths], 'params': str(params),
+    diagnosis['inputs'] = {**inputs_of(paths, params, mapping, units),
                            'actuator': device.actuator.model}
     on = ', '.join(diagnosis['selected']) or 'no effect'
     save_device(corrected, files['corrected'],
@@ -67,3 +66,9 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     write_report(diagnosis, files['report'])
     write_diagnosis(diagnosis, files['diagnosis'])
     return diagnosis
+
+
+def inputs_of(paths: Sequence[str], params: str, mapping=None, units=None) -> dict:
+    """Return what a diagnosis is made from, as it stands in diagnosis.json."""
+    return {'sets': [str(path) for path in paths], 'params': str(params),
+            'map': list(mapping or ()), 'unit': list(units or ())}

@@ -200,7 +200,11 @@ def _serve(nodes, options: argparse.Namespace, began: float,
             _warm_up_effects(nodes)
             log.info('compiled: every effect can be switched on now')
 
-        late = LateKernel(loaded)
+        def failed(status: int) -> None:
+            log.warning(f'compiling the effects failed with status {status}; stop the node and '
+                        'see why: python3 -m piezo_stack_sim.plant.compilation all')
+
+        late = LateKernel(loaded, failed)
     try:
         loop.run()
     finally:

@@ -53,22 +53,30 @@ class LateKernel:
     ----------
     loaded : callable
         Called in another thread as soon as the kernel is ready for use there.
+    failed : callable
+        Called there with the exit status instead if it was not compiled.
 
     """
 
-    def __init__(self, loaded: Callable[[], object]) -> None:
-        self._loaded = loaded
+    def __init__(self, loaded: Callable[[], object], failed: Callable[[int], object]) -> None:
+        self._loaded, self._failed, self._stopped = loaded, failed, False
         self._helper = subprocess.Popen([sys.executable, '-m', __name__, 'all'],
                                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self._waiting = threading.Thread(target=self._wait, daemon=True)
         self._waiting.start()
 
     def _wait(self) -> None:
-        if self._helper.wait() == 0:
+        status = self._helper.wait()
+        if self._stopped:
+            return
+        if status == 0:
             self._loaded()
+        else:
+            self._failed(status)
 
     def stop(self) -> None:
         """End the compilation; what is compiled by then stays on disk."""
+        self._stopped = True
         self._helper.kill()
         self._waiting.join()
 
@@ -146,12 +154,9 @@ def _with_states() -> Device:
 
 def is_compiled() -> bool:
     """Tell whether both kernels are compiled, here or on disk."""
-    from pathlib import Path
-    if kernel.run.signatures:
-        return True
     try:  # the last part to be compiled; numba has no public word on whether it has been kept
-        return any(Path(kernel.run._cache.cache_path).glob('kernel.run-*.nbi'))
-    except AttributeError:
+        return bool(kernel.run.signatures or kernel.run._cache._cache_file._load_index())
+    except Exception:  # whatever is wrong there, numba meets it when it is needed
         return True
 
 

@@ -167,6 +167,10 @@ class Plant:
             missing = sorted(wanted.symmetric_difference(state.states))
             raise InputError(f'saved plant state: the states {missing} do not match the '
                              'effects of this device; use the same effects')
+        if (len(state.commands), len(state.readings)) != (
+                self._command_lag + 1, self._reading_lag):
+            raise InputError('saved plant state: what is on its way through the delays does not '
+                             'fit this device; use the same delays and sample period')
         blocks = np.array(state.blocks)
         if np.any(np.abs(np.diff(blocks)) > np.diff(self._system.r) * (1 + 1e-6) + 1e-12):
             raise InputError('saved plant state: blocks further apart than any history of '
