@@ -48,8 +48,9 @@ def test_the_gap_is_what_the_sensor_reads_too_much(bench, capsys):
 
 
 def test_a_folder_that_cannot_be_made_is_told_before_the_work(bench, tmp_path, capsys):
-    (tmp_path / 'taken').write_text('a file')
-    assert main(['diagnose', str(bench), '--params', PARAMS, '--out', str(tmp_path / 'taken')]) == 2
+    out = tmp_path / 'taken'
+    out.write_text('a file')
+    assert main(['diagnose', str(bench), '--params', PARAMS, '--out', str(out)]) == 2
     said = capsys.readouterr().err
     assert len(said.splitlines()) == 1 and 'taken' in said and 'cannot be made a folder' in said
 

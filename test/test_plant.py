@@ -16,8 +16,7 @@ import numpy as np
 import piezo_stack_sim
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import (
-    Device, Load, Plant, PlantState, simulate, simulate_many)
-from piezo_stack_sim.plant import compilation, offline, stack
+    compilation, Device, Load, offline, Plant, PlantState, simulate, simulate_many, stack)
 from piezo_stack_sim.recording.recording import Recording
 import pytest
 
