@@ -8,8 +8,8 @@ import math
 import click
 
 from piezo_stack_sim.commands.options import params_option
-from piezo_stack_sim.commands.terminal import console
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.terminal import console
 
 
 @click.command('analyse')

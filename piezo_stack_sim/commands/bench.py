@@ -6,7 +6,8 @@ import json
 
 import click
 
-from piezo_stack_sim.commands.terminal import console
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.terminal import console
 
 
 @click.command('bench')
@@ -26,6 +27,9 @@ def command(params, quick, effects, node, only_node, as_json):
     """
     from piezo_stack_sim.plant import load_device
 
+    if quick and (effects or only_node):
+        raise InputError(f'--quick: --{"effects" if effects else "only-node"} has no shorter way; '
+                         'leave it out')
     result = {}
     device = load_device(params) if params else None
     if effects:

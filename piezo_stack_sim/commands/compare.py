@@ -7,7 +7,7 @@ import json
 import click
 
 from piezo_stack_sim.commands.options import map_option, params_option, unit_option
-from piezo_stack_sim.commands.terminal import console
+from piezo_stack_sim.terminal import console
 
 
 @click.command('compare')

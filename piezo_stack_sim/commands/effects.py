@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from piezo_stack_sim.atomic import make_folder
-from piezo_stack_sim.commands.terminal import console
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.terminal import console
 
 
 @click.command('effects')
@@ -33,6 +33,8 @@ def command(name, everything, params, settings, test, out):
 
     if everything and name:
         raise InputError(f'{name} --all: give one effect or --all')
+    if everything and settings:
+        raise InputError('--all --set: --set needs the id of an effect; all are shown as typical')
     if not everything and not name:
         for option, given in (('--set', settings), ('--test', test)):
             if given:

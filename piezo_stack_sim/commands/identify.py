@@ -5,7 +5,7 @@
 import click
 
 from piezo_stack_sim.commands.options import map_option, unit_option
-from piezo_stack_sim.commands.terminal import console
+from piezo_stack_sim.terminal import console
 
 
 @click.command('identify')

@@ -8,7 +8,7 @@ import sys
 import click
 
 from piezo_stack_sim.atomic import write_text
-from piezo_stack_sim.commands.terminal import console
+from piezo_stack_sim.terminal import console
 
 
 @click.command('soak')

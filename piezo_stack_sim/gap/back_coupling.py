@@ -4,8 +4,8 @@
 What charge and displacement together tell of the block, whatever the cause.
 
 A stack is a sensor of force, too: under voltage drive, a force that moves the
-end by dx moves the charge by T dx less what the hysteresis gives back (MODEL.md,
-Eqs. 15 to 17).  So with the gaps of both against the *measured* voltage,
+end by dx moves the charge by T dx less what the hysteresis gives back (Eqs. 11
+to 15 of the paper).  So with the gaps of both against the *measured* voltage,
 
 - a displacement that is wrong without its share of charge was moved by nothing
   that the stack feels: by the sensor,

@@ -43,7 +43,7 @@ class Diagnosis:
     Attributes
     ----------
     document : dict
-        In the form of ``diagnosis.json`` (DESIGN.md).
+        In the form of ``diagnosis.json`` (``diagnosis.schema.json``).
     device : Device
         The nominal device re-tuned, with the selected effects on.
     devices : dict of str to Device

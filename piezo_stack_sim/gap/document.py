@@ -1,6 +1,6 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A diagnosis as ``diagnosis.json`` wants it (DESIGN.md): where, which, how far."""
+"""A diagnosis as ``diagnosis.schema.json`` wants it: where, which, how far."""
 
 from __future__ import annotations
 

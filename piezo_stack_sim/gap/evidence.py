@@ -189,17 +189,6 @@ def average(values: np.ndarray, factor: int) -> np.ndarray:
     return np.asarray(values)[:m * factor].reshape(m, factor).mean(axis=1)
 
 
-def informative(recording: Recording) -> tuple[str, ...]:
-    """
-    Return the measured channels that can tell something.
-
-    Under charge drive the charge is the command, leads shorted fix the
-    voltage, leads open the charge; they are compared all the same, since a
-    drive or a leak may differ.
-    """
-    return tuple(c for c in CHANNELS if c in recording.measured)
-
-
 def _averaging(recording: Recording) -> int:
     """Return over how many rows to average: a command that mostly rests bears more."""
     factor = max(1, int(round(len(recording) / ROWS)))
@@ -229,7 +218,7 @@ def prepare(recordings, simulated) -> Evidence:
     for recording in recordings:
         factor = _averaging(recording)
         measured, sigma, zero = {}, {}, {}
-        for channel in informative(recording):
+        for channel in (c for c in CHANNELS if c in recording.measured):
             measured[channel] = average(recording.measured[channel], factor)
             sigma[channel] = noise[channel].deviation(recording.period, len(recording), factor)
             zero[channel] = noise[channel].deviation(recording.period, len(recording))

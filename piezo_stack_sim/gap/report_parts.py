@@ -56,7 +56,7 @@ def records_part(evidence: Evidence) -> list[dict]:
         'role': 'both'} for track in evidence.tracks]
 
 
-def covariance(fitter: Fitter, fit: Fit) -> np.ndarray:
+def standard_errors(fitter: Fitter, fit: Fit) -> np.ndarray:
     """
     Return the standard errors of (walk, phi) of a fit.
 
@@ -79,7 +79,7 @@ def covariance(fitter: Fitter, fit: Fit) -> np.ndarray:
 
 def calibration_part(fitter: Fitter, fit: Fit) -> dict:
     """Return the re-tuned nominal parameters of Table 1, and the scale if it was free."""
-    errors = covariance(fitter, fit)[len(fit.free):]
+    errors = standard_errors(fitter, fit)[len(fit.free):]
     result = {}
     for i, name in enumerate(fitter.nuisance.names[:5]):
         nominal = getattr(fitter.device.actuator, name)
@@ -105,7 +105,7 @@ def cause_part(ranked: Ranked, fit: Fit, probability: float, judge: Judge, nomin
     names = ranked.name.split('+')
     blocks = list(dict.fromkeys(EFFECTS[name].block for name in names))
     gain, error = judge.difference(fit.residual, nominal.residual)
-    errors = covariance(fitter, fit) if probability > 0.01 and fit.free else None
+    errors = standard_errors(fitter, fit) if probability > 0.01 and fit.free else None
     parameters = {}
     for name in names:
         for parameter in EFFECTS[name].parameters:

@@ -6,8 +6,8 @@ Where the gap is: the model cut at its ports, then records, bands and regimes.
 Each block is driven by what was *measured* before it.  The drive is compared by
 its voltage; the electrical block gets the measured voltage if that differs from
 the simulated one; what follows gets the measured charge, through the linear
-second-order path from charge to displacement (MODEL.md, "charge to
-displacement").  So one block's error does not leak into the next.
+second-order path from charge to displacement (Eqs. 11, 14 and 15 of the paper).
+So one block's error does not leak into the next.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 Modes: which ports stick, slip or touch makes one linear system out of a small family.
 
 Per mode and per duration of a segment the propagators for h, h/2, h/4, ... are
-made once, when the mode is first met (``MODEL.md``, trap 3).
+made once, when the mode is first met.
 """
 
 import math
