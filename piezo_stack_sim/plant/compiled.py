@@ -3,8 +3,8 @@
 """
 How the plant's kernels are compiled.
 
-What is compiled is kept on disk, for as long as no source of the plant has changed: numba
-looks at the file of a kernel only, not at those of what it calls.
+What is compiled is kept on disk, for as long as no source has changed that goes into
+it: numba looks at the file of a kernel only, not at those of what it calls.
 
 They get every array from their caller and make none, so that numba need not count
 references: counting them took two fifths of the time of a sub-step.
@@ -20,10 +20,12 @@ _HOW = {'cache': True, 'nogil': True, 'error_model': 'numpy', '_nrt': False}
 
 
 def _stamp() -> str:
-    """Return what changes with any source of the plant."""
+    """Return what changes with any source that goes into compiled code."""
     sources = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob('*.py')):
-        sources.update(path.read_bytes())
+        text = path.read_bytes()
+        if b'plant.compiled import' in text or path.name in ('compiled.py', 'layout.py'):
+            sources.update(text)
     return sources.hexdigest()
 
 

@@ -7,8 +7,9 @@ Between two slip events the whole device is one linear system out of a small,
 known family, a *mode* (:mod:`piezo_stack_sim.plant.modes`).  A segment is a few
 small matrix products; an event inside it is found from charge and displacement
 and their rates at the ends of a sub-step (:mod:`piezo_stack_sim.plant.events`)
-and met on a grid of *ticks* (about 60 ns).  A sub-step is short against the fastest swing, or longer
-where nothing hidden can happen (:mod:`piezo_stack_sim.plant.calm`).
+and met on a grid of *ticks* (about 60 ns).  A sub-step is short against the
+fastest swing, or longer where nothing hidden can happen
+(:mod:`piezo_stack_sim.plant.calm`).
 
 :mod:`piezo_stack_sim.plant.layout` names the columns of all arrays.
 """
