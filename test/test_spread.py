@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work over processes: what is finished stays, and what fails fails alone."""
 
+import json
 import os
 
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.many import diagnose_many, Job
+from piezo_stack_sim.gap.write import inputs_of
 from piezo_stack_sim.spread import spread
 
 
@@ -45,7 +47,7 @@ def test_an_error_is_the_result_of_its_piece_alone(tmp_path):
 def test_a_device_that_cannot_be_diagnosed_does_not_stop_the_others(tmp_path):
     done = tmp_path / 'done'
     done.mkdir()
-    (done / 'diagnosis.json').write_text('{}')
+    (done / 'diagnosis.json').write_text(json.dumps({'inputs': inputs_of([str(done)], 'no.yaml')}))
     jobs = [Job((str(tmp_path / name),), 'no.yaml', str(tmp_path / name))
             for name in ('first', 'done', 'second')]
     lines = {job.out: line for job, line in diagnose_many(jobs, workers=2)}
