@@ -40,7 +40,7 @@ def runs() -> dict[str, Recording]:
     """Return the programmes, by the name of their file, with commands at the stack (V)."""
     shapes = {'slow': programmes.triangle((30.0, 60.0, 90.0), 1.0, 1, RATE),
               'noise': programmes.multisine(40.0, 6.0, (10.0, 1500.0), rate=RATE),
-              'steps': programmes.steps((0.0, 50.0, 15.0, 70.0), 3.0, rate=RATE)}
+              'steps': programmes.steps((0.0, 50.0, 15.0, 70.0), 1.5, rate=RATE)}
     for peak in (20.0, 80.0):
         for frequency in (5.0, 20.0, 50.0, 100.0):
             shapes[f'triangle_{frequency:.0f}Hz_{peak:.0f}V'] = programmes.triangle(
