@@ -21,8 +21,8 @@ class Bars:
 
     def __call__(self, name, done, total=1.0):
         """Show that so much of a piece is done."""
-        from rich.markup import escape
         if self._bar:
+            from rich.markup import escape
             if name not in self._tasks:
                 self._tasks[name] = self._bar.add_task(escape(name), total=total)
             self._bar.update(self._tasks[name], completed=done)
@@ -47,8 +47,8 @@ class Stage:
 
     def __call__(self, stage):
         """Show what is being done."""
-        from rich.markup import escape
         if self._status:
+            from rich.markup import escape
             self._status.update(escape(f'{self._before}{stage}'))
 
     def __exit__(self, *_):

@@ -55,6 +55,17 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_work(bench, tmp_path, c
     assert len(said.splitlines()) == 1 and 'taken' in said and 'cannot be made a folder' in said
 
 
+@pytest.mark.parametrize('command', ['compare', 'diagnose'])
+def test_too_few_rows_to_tell_noise_are_refused_in_one_line(command, tmp_path, capsys):
+    short = tmp_path / 'short.csv'
+    short.write_text('time,voltage_command,displacement\n' + ''.join(
+        f'{1e-3 * k},{k},{1e-7 * k}\n' for k in range(30)))
+    out = ['--out', str(tmp_path / 'out')] if command == 'diagnose' else []
+    assert main([command, str(short), '--params', PARAMS, *out]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1 and '30 rows of displacement' in said and '50' in said
+
+
 def test_progress_takes_any_name(monkeypatch):
     monkeypatch.setattr('sys.stderr.isatty', lambda: True, raising=False)
     monkeypatch.setenv('FORCE_COLOR', '1')

@@ -133,24 +133,23 @@ def quieter(evidence: Evidence, simulated) -> Evidence:
 
     """
     noise = estimate_noise([track.recording for track in evidence.tracks], simulated)
-    better = {}
-    for channel, found in noise.items():
-        tracks = [t for t in evidence.tracks if channel in t.sigma]
-        if any(_deviation(found, t, t.factor) < QUIETER * t.sigma[channel] for t in tracks):
-            better[channel] = found
+    found = [_deviations(noise, track.recording, track.factor) for track in evidence.tracks]
+    better = {channel: noise[channel] for track, now in zip(evidence.tracks, found)
+              for channel in now if now[channel] < QUIETER * track.sigma[channel]}
     if not better:
         return evidence
-    weighed = tuple(replace(
-        track,
-        sigma=track.sigma | {c: _deviation(better[c], track, track.factor)
-                             for c in track.sigma if c in better},
-        zero=track.zero | {c: _deviation(better[c], track) for c in track.zero if c in better})
-        for track in evidence.tracks)
-    return Evidence(weighed, evidence.noise | better)
+    return Evidence(tuple(
+        replace(track,
+                sigma=track.sigma | _deviations(better, track.recording, track.factor),
+                zero=track.zero | _deviations(better, track.recording))
+        for track in evidence.tracks), evidence.noise | better)
 
 
-def _deviation(noise: ChannelNoise, track: Track, factor: int = 1) -> float:
-    return noise.deviation(track.recording.period, len(track.recording), factor)
+def _deviations(noise: dict[str, ChannelNoise], recording: Recording, factor: int = 1
+                ) -> dict[str, float]:
+    """Return the deviation of an average over ``factor`` rows, of every channel it measured."""
+    return {c: noise[c].deviation(recording.period, len(recording), factor)
+            for c in CHANNELS if c in recording.measured and c in noise}
 
 
 def reweigh(old: Evidence, new: Evidence) -> Callable[[np.ndarray], np.ndarray]:
@@ -217,12 +216,11 @@ def prepare(recordings, simulated) -> Evidence:
     tracks = []
     for recording in recordings:
         factor = _averaging(recording)
-        measured, sigma, zero = {}, {}, {}
-        for channel in (c for c in CHANNELS if c in recording.measured):
-            measured[channel] = average(recording.measured[channel], factor)
-            sigma[channel] = noise[channel].deviation(recording.period, len(recording), factor)
-            zero[channel] = noise[channel].deviation(recording.period, len(recording))
+        measured = {c: average(recording.measured[c], factor)
+                    for c in CHANNELS if c in recording.measured}
         m = len(recording) // factor
         stretch = np.arange(m) * STRETCHES // max(m, 1)
-        tracks.append(Track(recording, factor, measured, sigma, zero, stretch % 2 == 0))
+        tracks.append(Track(
+            recording, factor, measured, _deviations(noise, recording, factor),
+            _deviations(noise, recording), stretch % 2 == 0))
     return Evidence(tuple(tracks), noise)

@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 
+from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.recording import Recording
 
 # Variance of the third difference of white noise of unit variance.
@@ -29,6 +30,7 @@ LINES = 6  # lines of a periodogram below which a band says too little
 EDGE = 0.25  # part of the bands that may lie below the noise
 SCATTER = 1.65  # distance of that edge in ln power, for a band of one line
 CORNERS = (50.0, 2e4)  # Hz; slower than that it would be drift, faster white
+FEWEST = 50  # rows of a recording that tells noise
 COLOURED = 1.15  # rms beyond the white part from which colour is believed
 
 
@@ -92,6 +94,11 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
     -------
     dict of str to ChannelNoise
 
+    Raises
+    ------
+    InputError
+        If a channel is in no recording that is long enough.
+
     """
     spectra: dict[str, list] = {}
     floors: dict[str, list[float]] = {}
@@ -99,7 +106,7 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
         lag = repetition(recording.command, recording.external_force)
         for channel, measured in recording.measured.items():
             residual = measured - simulation[channel]
-            if residual.size < 50:
+            if residual.size < FEWEST:
                 continue
             third = np.diff(residual, 3)
             floors.setdefault(channel, []).append(float(
@@ -108,6 +115,11 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
             bands += _bands(residual, recording.period)
             for difference in _differences(residual, recording, lag):
                 bands += _bands(difference, recording.period)
+    for recording in recordings:
+        for channel in recording.measured.keys() - spectra.keys():
+            raise InputError(f'{recording.source or recording.name}: {len(recording)} rows of '
+                             f'{channel}: expected {FEWEST} or more in one recording at least, to '
+                             'tell noise from a gap; record longer, or leave the channel out')
     return {channel: _fitted(np.array(bands).reshape(-1, 4), min(floors[channel]),
                              _least(recordings, channel))
             for channel, bands in spectra.items()}

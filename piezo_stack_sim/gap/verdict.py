@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.quantities import significant
+from piezo_stack_sim.gap.quantities import significant, words
 
 
 @dataclass(frozen=True)
@@ -135,9 +135,9 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         if pairs[0].removed >= t.explained:
             first, second = sorted(names, key=lambda name: name != best.name)
             sure = pairs[0].odds(t.two)
-            return Verdict('MULTIPLE', names, (), f'{first} alone leaves '
-                           f'{_percent(1.0 - best.removed)} of the removable gap, '
-                           f'with {second} {_percent(1.0 - pairs[0].removed)}', sure, 1.0 - sure)
+            return Verdict('MULTIPLE', names, (), f'{words(first)} alone leaves '
+                           f'{_percent(1.0 - best.removed)} of the removable gap, with '
+                           f'{words(second)} {_percent(1.0 - pairs[0].removed)}', sure, 1.0 - sure)
     explained = max(best.removed, 1.0 - best.left)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
     if not clear and (best.gain < t.detect + 2.0 * best.parameters or explained < t.explained):
@@ -146,7 +146,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                            'parameters within their uncertainty is noise', t.nothing,
                            1.0 - t.nothing)
         return Verdict('UNKNOWN', (), (), f'structure of {significant(1.0 + structure)} times the '
-                       f'noise power is left; the best effect, {best.name}, removes '
+                       f'noise power is left; the best effect, {words(best.name)}, removes '
                        f'{_percent(best.removed)} of the removable gap, a flexible correction '
                        f'{_percent(ceiling)}', t.unknown, 1.0 - t.unknown)
     tie = tie_of(singles, chance, classes, t)
@@ -158,7 +158,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     if len(tie) > 1:
         return Verdict('AMBIGUOUS', (best.name,), tie, 'these recordings do not decide between '
                        f'{len(tie)} effects', among, sure)
-    return Verdict('CAUSE', (best.name,), (best.name,), f'{best.name} removes '
+    return Verdict('CAUSE', (best.name,), (best.name,), f'{words(best.name)} removes '
                    f'{_percent(best.removed)} of the removable gap and nothing else comes '
                    'close', among, sure)
 
