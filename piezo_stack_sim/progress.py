@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of long work: a bar on a terminal, nothing in a pipe."""
 
+from contextlib import contextmanager
 import sys
 
 
@@ -78,9 +79,24 @@ def track(items, description, total=None):
         yield from bar.track(items, total, description=escape(description))
 
 
-def _progress():
+@contextmanager
+def counted(description, total):
+    """Give a function that is told how many are done, shown on a terminal; None elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.markup import escape
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    columns = (TextColumn(escape(description)), BarColumn(), MofNCompleteColumn(),
+               TimeRemainingColumn())
+    with _progress(*columns) as bar:
+        task = bar.add_task(description, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _progress(*columns):
     from rich.console import Console
     from rich.progress import Progress
     # What is printed meanwhile goes above the bar, but not where stdout goes to a file.
-    return Progress(console=Console(stderr=True), transient=True,
+    return Progress(*columns, console=Console(stderr=True), transient=True,
                     redirect_stdout=sys.stdout.isatty())

@@ -233,19 +233,19 @@ def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, w
     assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
 
 
-def test_a_second_effect_counts_only_if_it_removes_what_the_first_leaves():
-    singles = [Ranked('leakage', 300.0, 0.80, 1, strict=320.0),
-               Ranked('friction', 50.0, 0.1, 1, strict=50.0)]
-    good = [Ranked('leakage+friction', 500.0, 0.99, 2, strict=600.0, left=0.05)]
-    poor = [Ranked('leakage+friction', 310.0, 0.83, 2, strict=400.0, left=0.80)]
-    assert decide(singles, good, 0.99, 50.0, []).word == 'MULTIPLE'
-    assert decide(singles, poor, 0.99, 50.0, []).word == 'CAUSE'
+@pytest.mark.parametrize('second, part, word', [
+    (300.0, 0.8, 'MULTIPLE'),  # most of what the first leaves there
+    (300.0, 0.2, 'CAUSE'),  # a little of much: what the form of the first misses
+    (10.0, 0.9, 'CAUSE')])  # most of nothing
+def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(second, part, word):
+    singles = [Ranked('leakage', 300.0, 0.80, 1), Ranked('friction', 50.0, 0.1, 1)]
+    pairs = [Ranked('leakage+friction', 500.0, 0.99, 2, second=second, part=part)]
+    assert decide(singles, pairs, 0.99, 50.0, []).word == word
 
 
 def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_cause():
-    singles = [Ranked('thermal_drift', 900.0, 0.98, 2, strict=900.0),
-               Ranked('sensor_drift', 500.0, 0.7, 1, strict=500.0)]
-    pairs = [Ranked('thermal_drift+sensor_drift', 950.0, 0.995, 3, strict=990.0, left=0.2)]
+    singles = [Ranked('thermal_drift', 900.0, 0.98, 2), Ranked('sensor_drift', 500.0, 0.7, 1)]
+    pairs = [Ranked('thermal_drift+sensor_drift', 950.0, 0.995, 3, second=200.0, part=0.5)]
     kin = {frozenset(('thermal_drift', 'sensor_drift'))}
     assert decide(singles, pairs, 0.99, 50.0, [], kin=kin).selected == ('thermal_drift',)
     assert decide(singles, pairs, 0.99, 50.0, []).word == 'MULTIPLE'

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """``piezo_stack challenge``: the blind benchmark, made, answered and scored."""
 
-from contextlib import contextmanager
 import os
-import sys
 
 import click
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.progress import counted
 
 jobs_option = click.option(
     '--jobs', type=click.IntRange(min=1), default=os.cpu_count(), show_default='all cores',
@@ -91,22 +90,6 @@ def score_command(folder, labels, out, floors):
         missed = score.missed(result, score.read_floors(floors))
         if missed:
             raise InputError(f'{floors}: ' + '; '.join(missed))
-
-
-@contextmanager
-def counted(description, total):
-    """Give a function that shows how many are done: a bar on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn)
-
-    columns = (TextColumn(description), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(description, total=total)
-        yield lambda done: progress.update(task, completed=done)
 
 
 def diagnose(recordings, parameter_file):

@@ -1,7 +1,7 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Every effect of the registry as a hypothesis; pairs greedily after that.
+Every effect of the registry as a hypothesis.
 
 An effect is tried from several places.  One simulation at each tells, by a
 linear look, which places are worth a whole fit.
@@ -27,12 +27,8 @@ FIELD = 9  # effects that get one in any case: a linear look underrates what is 
 WORTH = 15.0  # fall of the cost below which nothing can come of it
 FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
 RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
-PARTNERS = 5  # second effects that get a whole fit
-PAIR_STEPS = 4
-PAIRS_POLISHED = 3
 POLISHING = 8
 SETTLED = 1.2  # mean square of a residual below which there is nothing more to fit
-LIKELY = 0.1  # part of the best promise that earns a second effect a fit
 
 
 @dataclass
@@ -50,11 +46,18 @@ class Probe:
 
 @dataclass
 class Search:
-    """All hypotheses that were fitted: a name like ``creep`` or ``creep+friction`` to its fit."""
+    """
+    All hypotheses that were fitted: a name like ``creep`` or ``creep+friction`` to its fit.
+
+    ``bases`` are single effects as pairs were fitted: by where they explain.  ``merits`` tells of
+    a pair how much its second effect explains, and how completely.
+    """
 
     nominal: Fit
     fits: dict[str, Fit] = field(default_factory=dict)
     probes: dict[str, list[Probe]] = field(default_factory=dict)
+    bases: dict[str, Fit] = field(default_factory=dict)
+    merits: dict[str, float] = field(default_factory=dict)
 
 
 def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None]) -> Search:
@@ -157,50 +160,9 @@ def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:
          for name, probes in search.probes.items()})
 
 
-def search_partners(fitter: Fitter, extent: Extent, search: Search, base: str,
-                    progress: Callable[[str], None]) -> None:
-    """Fit pairs of ``base`` and every other effect that promises something."""
-    fit = search.fits[base]
-    used = base.split('+')
-    promises: list[tuple[float, str, dict[str, float]]] = []
-    for name, probes in search.probes.items():
-        if name not in used:
-            promises.append(max((_promise(fitter, fit, probe) for probe in probes),
-                                key=lambda promise: promise[0]))
-    promises.sort(key=lambda promise: -promise[0])
-    ranked = [promise for promise in promises[:PARTNERS] if promise[0] > LIKELY * promises[0][0]]
-
-    def whole(promise):
-        _, name, place = promise
-        return '+'.join(sorted([*used, name], key=list(EFFECTS).index)), fitter.fit(
-            {**fit.effects, name: place}, fit.phi, steps=PAIR_STEPS)
-
-    progress(f'fitting pairs with {base}')
-    fitted = {}
-    for name, pair in parallel(whole, ranked):
-        fitted[name] = pair
-        if name not in search.fits or pair.cost < search.fits[name].cost:
-            search.fits[name] = pair
-    polish(fitter, search, sorted(fitted, key=lambda name: fitted[name].cost)[:PAIRS_POLISHED])
-
-
-def _promise(fitter: Fitter, fit: Fit, probe: Probe) -> tuple[float, str, dict[str, float]]:
-    """Return what a second effect promises beside a fit, and where to start it."""
-    if probe.effect == TONE:
-        probe = _probe_tone(fitter, fit.effects, fit)
-        return probe.gain, TONE, probe.place
-    if probe.direction is None:
-        return 0.0, probe.effect, probe.place
-    # How an effect moves the outputs hardly depends on the other being on: no new simulation.
-    gain, factors = fitter.linear_gain(probe.direction, fit)
-    place = (probe.look.at(EFFECTS[probe.effect], factors) if probe.look.strengths
-             else probe.place)
-    return gain, probe.effect, place
-
-
 def _probe(fitter: Fitter, name: str, place: Place, others: dict, fit: Fit) -> Probe:
     if name == TONE:
-        return _probe_tone(fitter, others, fit)
+        return probe_tone(fitter, others, fit)
     moved = [fitter.residual_of({**others, name: values}, fit.phi) for values in place.looks]
     directions = np.column_stack([m - fit.residual for m in moved])
     if not np.isfinite(directions).all() or np.abs(directions).max() > 1e9:
@@ -220,7 +182,7 @@ def _probe(fitter: Fitter, name: str, place: Place, others: dict, fit: Fit) -> P
     return Probe(name, there, directions.astype(np.float32), promise, promise, place)
 
 
-def _probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:
+def probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:
     found = fitter.find_tone(others, fit.phi)
     if found is None:
         return Probe(TONE, {}, None)

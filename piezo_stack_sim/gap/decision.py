@@ -5,22 +5,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import Search, search_partners
+from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.isolability import Alike
+from piezo_stack_sim.gap.pairs import exchange, explained, polish_pairs, search_partners
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
-from piezo_stack_sim.gap.starts import Extent
-from piezo_stack_sim.gap.verdict import decide, Ranked, Thresholds, Verdict
+from piezo_stack_sim.gap.verdict import decide, Ranked, second_counts, Thresholds, Verdict
 
-BASES = 2  # single effects from which pairs are tried
-RIVAL = 0.7  # part of the best gain from which a second one is tried
+PAIRS_SHOWN = 5  # pairs that are looked at in detail
+PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
+CLEARLY = 0.01  # part of the gap by which that must remove more
 
 
 @dataclass(frozen=True)
@@ -70,46 +71,75 @@ def count(fit: Fit) -> int:
     return len(fit.free) + (0 if fit.line is None else 2 + len(fit.line.phases))
 
 
-def rank(names, search: Search, judge: Judge, removable: Removable,
-         reference: Fit | None = None) -> list[Ranked]:
-    """Return hypotheses, best first: singles by score, pairs by what they leave of a single."""
+def rank(names, search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
+    """Return hypotheses, best first: by score."""
     nominal = judge.score(search.nominal.residual)
-    strict = judge.strict(judge.powers(search.nominal.residual))
-    base = judge.powers((reference or search.nominal).residual)
+    base = judge.powers(search.nominal.residual)
     ranked = []
     for name in names:
         fit = search.fits[name]
         powers = judge.powers(fit.residual)
         ranked.append(Ranked(
             name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
-            count(fit), judge.strict(powers) - strict, judge.left(powers, base),
-            float(np.max(powers)) - 1.0))
-    if reference is None:
-        return sorted(ranked, key=lambda r: (-r.gain, r.name))
-    return sorted(ranked, key=lambda r: (-r.strict, r.name))
+            count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0))
+    return sorted(ranked, key=lambda r: (-r.gain, r.name))
 
 
-def search_pairs(fitter: Fitter, extent: Extent, search: Search, judge: Judge,
-                 thresholds: Thresholds, progress: Callable[[str], None]) -> None:
+def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable
+               ) -> list[Ranked]:
+    """Return pairs, best first: by what the second effect explains where the first leaves it."""
+    pairs = rank([n for n in search.fits if '+' in n], search, judge, removable)
+    pairs.sort(key=lambda r: (judge.cells.nats(search.fits[r.name].residual), r.name))
+    pairs = pairs[:PAIRS_SHOWN]
+    for i, pair in enumerate(pairs):
+        if not set(pair.name.split('+')) <= set(search.bases):
+            continue  # not among the best: nobody asked what each of the two does alone
+        nats, part = explained(fitter, search, judge.cells, pair.name)
+        pairs[i] = replace(pair, second=nats, part=part)
+    return pairs
+
+
+def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Removable,
+                 pair: Ranked, first: str) -> Ranked:
+    """
+    Fit the first effect of a pair to all rows alike, if that leaves clearly less of the gap.
+
+    The second stays as it was found where it shows: it would be bent to fill in what the form of
+    the first misses.
+    """
+    weighed = search.fits[pair.name]
+    second = [name for name in pair.name.split('+') if name != first]
+    plain = fitter.fit(weighed.effects, weighed.phi, PLAIN_STEPS, kept=second)
+    if removable.share(plain.residual) < pair.removed + CLEARLY:
+        return pair
+    search.fits[pair.name] = plain
+    again, = rank([pair.name], search, judge, removable)
+    return replace(again, second=pair.second, part=pair.part)
+
+
+def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thresholds,
+                 progress: Callable[[str], None]) -> None:
     """Fit second effects beside the best, where these leave something that they could explain."""
-    singles = _singles(search, judge, Removable(judge.evidence, search.nominal.residual))
-    if singles[0].gain > thresholds.detect and singles[0].excess > thresholds.leftover:
-        for ranked in singles[:BASES]:
-            if ranked.gain > RIVAL * singles[0].gain:
-                search_partners(fitter, extent, search, ranked.name, progress)
+    best = _singles(search, judge, Removable(judge.evidence, search.nominal.residual))[0]
+    if best.gain > thresholds.detect and best.excess > thresholds.leftover:
+        search_partners(fitter, search, best.name, progress)
+        exchange(fitter, search, progress)
+        polish_pairs(fitter, search)
 
 
 def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
     return rank([n for n in search.fits if '+' not in n], search, judge, removable)
 
 
-def decide_search(search: Search, judge: Judge, ceiling: float, alike: Alike,
+def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, alike: Alike,
                   thresholds: Thresholds) -> Decision:
     """
     Rank all that was fitted, and decide.
 
     Parameters
     ----------
+    fitter : Fitter
+        With which all was fitted.
     search : Search
         All fits.
     judge : Judge
@@ -125,8 +155,12 @@ def decide_search(search: Search, judge: Judge, ceiling: float, alike: Alike,
     # What re-tuning removes is calibration, not a cause.
     removable = Removable(judge.evidence, search.nominal.residual)
     singles = _singles(search, judge, removable)
-    pairs = rank([n for n in search.fits if '+' in n], search, judge, removable,
-                 search.fits[singles[0].name])
+    pairs = rank_pairs(fitter, search, judge, removable)
+    best = singles[0]
+    pairs = [_by_all_rows(fitter, search, judge, removable, pair, best.name)
+             if best.name in pair.name.split('+')
+             and second_counts(best, pair, thresholds, alike.kin) else pair
+             for pair in pairs]
     structure = judge.structure(search.nominal.residual)
     verdict = decide(singles, pairs, ceiling, structure, alike.classes, thresholds, alike.kin)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict)

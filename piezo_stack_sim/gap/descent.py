@@ -11,11 +11,12 @@ within their uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from piezo_stack_sim.gap.lens import Lens
 from scipy.optimize import lsq_linear
 
 NUDGE = 2e-3  # relative change of a nominal parameter from which its derivative is taken
@@ -25,16 +26,16 @@ TRIALS = 3  # step lengths that are tried before a derivative counts as stale
 
 
 class Slope(NamedTuple):
-    """A derivative: of all rows (N, p), of the rows of the fit, and the square of that (p, p)."""
+    """A derivative: of all rows (N, p), of what the fit sees, and the square of that (p, p)."""
 
     whole: np.ndarray
     seen: np.ndarray
     square: np.ndarray
 
     @classmethod
-    def of(cls, whole: np.ndarray, rows: np.ndarray) -> Slope:
-        """Return the slope with derivative ``whole`` (N, p), fitted on ``rows``."""
-        seen = whole[rows]
+    def of(cls, whole: np.ndarray, lens: Lens) -> Slope:
+        """Return the slope with derivative ``whole`` (N, p), seen through a lens."""
+        seen = lens(whole)
         return cls(whole, seen, seen.T @ seen)
 
 
@@ -47,8 +48,8 @@ class Landscape:
     ----------
     residual : callable
         Takes walk and phi, returns the weighted residual (N,).
-    rows : ndarray of int
-        The rows of the residual that count.
+    lens : callable
+        Takes a residual (N,), or changes of it (N, k), to what of it counts.
     lower, upper : ndarray, shape (n,)
         Bounds of the walk.
     room : ndarray, shape (p,)
@@ -59,26 +60,29 @@ class Landscape:
     """
 
     residual: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    rows: np.ndarray
+    lens: Lens
     lower: np.ndarray
     upper: np.ndarray
     room: np.ndarray
     prior: np.ndarray
 
     def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
-        """Return the sum of squares over the rows that count plus that of the prior."""
-        return sum_of_squares(residual[self.rows], phi / self.prior)
+        """Return the sum of squares over what counts plus that of the prior."""
+        return sum_of_squares(self.lens(residual), phi / self.prior)
 
     def nominal_slope(self, walk, phi, residual) -> Slope:
         """Return the derivative with respect to phi at a place."""
         return Slope.of(np.column_stack([
             (self.residual(walk, phi + step) - residual) / NUDGE
-            for step in NUDGE * np.eye(phi.size)]), self.rows)
+            for step in NUDGE * np.eye(phi.size)]), self.lens)
 
-    def slope(self, walk, phi, residual) -> np.ndarray:
-        """Return the derivative (N, n) with respect to the walk at a place."""
+    def slope(self, walk, phi, residual, known=()) -> np.ndarray:
+        """Return the derivative (N, n) with respect to the walk at a place, where not known."""
         columns = np.empty((residual.size, walk.size))
         for j in range(walk.size):
+            if j < len(known) and known[j] is not None:
+                columns[:, j] = known[j]
+                continue
             step = PACE if self.upper[j] - walk[j] > PACE else -PACE
             moved = walk.copy()
             moved[j] += step
@@ -104,7 +108,7 @@ def sum_of_squares(*vectors: np.ndarray) -> float:
 
 
 def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Slope | None,
-            steps: int) -> End:
+            steps: int, known: Sequence[np.ndarray | None] = ()) -> End:
     """
     Walk downhill.
 
@@ -118,6 +122,8 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
         Derivative with respect to phi; None takes it where the descent starts.
     steps : int
         The most Gauss-Newton steps.
+    known : sequence of (N,) arrays or None
+        Derivatives with respect to the walk that are near enough to set out with.
 
     Returns
     -------
@@ -131,13 +137,14 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
         nominal = landscape.nominal_slope(walk, phi, residual)
         used += phi.size
     precision = np.concatenate([np.zeros(n), landscape.prior ** -2.0])
-    effect = np.empty((residual.size, n))
+    effect = np.full((residual.size, n), np.nan)  # not known, if there are no steps
     stale, fresh = True, False
     for _ in range(steps):
         if stale:
-            effect = landscape.slope(walk, phi, residual)
-            used += n
-            stale, fresh = False, True
+            effect = landscape.slope(walk, phi, residual, known)
+            borrowed = sum(column is not None for column in known)
+            used += n - borrowed
+            stale, fresh, known = False, not borrowed, ()
         square, slope = _quadratic(landscape, effect, nominal, residual)
         slope += precision * np.concatenate([walk, phi])
         fallen = False
@@ -178,7 +185,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
 def _quadratic(landscape: Landscape, effect: np.ndarray, nominal: Slope, residual: np.ndarray
                ) -> tuple[np.ndarray, np.ndarray]:
     """Return the square of the derivative and its product with the residual."""
-    seen, now = effect[landscape.rows], residual[landscape.rows]
+    seen, now = landscape.lens(effect), landscape.lens(residual)
     cross = seen.T @ nominal.seen
     square = np.block([[seen.T @ seen, cross], [cross.T, nominal.square]])
     return square, np.concatenate([seen.T @ now, nominal.seen.T @ now])

@@ -21,7 +21,7 @@ from piezo_stack_sim.gap.candidates import polish, Search, search_singles, weigh
 from piezo_stack_sim.gap.decision import (
     count, decide_search, Decision, Removable, search_pairs)
 from piezo_stack_sim.gap.document import build_document
-from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.evidence import prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
@@ -109,10 +109,9 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     fitter.prepare(parallel)
     tuned = fitter.fit({})
     # Without the calibration error more of what is left is noise: weigh anew.
-    evidence = prepare(checked.recordings, simulate_set(
+    first, evidence = evidence, prepare(checked.recordings, simulate_set(
         fitter.device_with({}, tuned.phi), checked.recordings))
-    fitter = Fitter(device, evidence)
-    fitter.prepare(parallel)
+    fitter = fitter.reweighed(evidence, reweigh(first, evidence))
     extent = extent_of(evidence, fitter.base, spans(evidence))
     search = search_singles(fitter, extent, progress)
     polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
@@ -122,12 +121,12 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     judge = Judge.from_residual(
         evidence, min(search.fits.values(), key=lambda fit: fit.cost).residual,
         search.nominal.residual)
-    search_pairs(fitter, extent, search, judge, thresholds, progress)
+    search_pairs(fitter, search, judge, thresholds, progress)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     alike = isolability(fitter, search)
-    decision = decide_search(search, judge, ceiling, alike, thresholds)
+    decision = decide_search(fitter, search, judge, ceiling, alike, thresholds)
     verdict, chosen = decision.verdict, decision.chosen(search)
     progress('writing it up')
     devices = fitter.devices_of(chosen)
@@ -136,7 +135,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
                             flexible, thresholds)
     if ablate:
         result['baselines'] |= ablations(search, fitter, judge, verdict, lambda other, by: (
-            decide_search(other, by, ceiling, alike, thresholds).verdict))
+            decide_search(fitter, other, by, ceiling, alike, thresholds).verdict))
     if len(verdict.tie) > 1:
         from piezo_stack_sim.gap.experiment import next_experiment
         progress('looking for the experiment that decides')
@@ -158,6 +157,7 @@ def _scores(search: Search, decision: Decision) -> dict:
     return {
         'weights': judge.weights.tolist(), 'forgiven': judge.forgiven.tolist(),
         'nominal': judge.powers(search.nominal.residual).tolist(), 'ceiling': decision.ceiling,
+        'pairs': [[r.name, r.second, r.part] for r in decision.pairs],
         'structure': decision.structure, 'classes': decision.alike.classes,
         'kin': sorted(map(sorted, decision.alike.kin)),
         'fits': {name: [judge.powers(fit.residual).tolist(),

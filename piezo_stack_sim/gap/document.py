@@ -156,9 +156,7 @@ def _warnings(fit: Fit, verdict) -> list[str]:
                      'swings as much, but not in step with the real one')
     for free in fit.free:
         value = fit.effects[free.effect][free.parameter.name]
-        span = free.limits[1] - free.limits[0]
-        place = free.to_walk(value)
-        if min(place - free.limits[0], free.limits[1] - place) < 1e-3 * span:
+        if free.stuck(value):
             notes.append(f'{free.effect}.{free.parameter.name} is stuck at its bound '
                          f'({value:.4g} {free.parameter.unit}): distrust it')
     return notes

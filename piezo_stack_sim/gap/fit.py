@@ -9,7 +9,8 @@ parameters move along with it, within their uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from copy import copy
 from dataclasses import dataclass, field
 import math
 
@@ -21,12 +22,14 @@ from piezo_stack_sim.gap.arbitrary import is_arbitrary
 from piezo_stack_sim.gap.descent import descend, Landscape, NUDGE, Slope, sum_of_squares
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import fitted_rows, residuals
+from piezo_stack_sim.gap.lens import Lens, plain
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.tone import find_frequency, Line, Tone
 from piezo_stack_sim.plant import Device
 
 STEPS = 6
 TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
+STUCK = 1e-3  # part of its range from its bound at which a number of an effect counts as stuck
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
 
 
@@ -54,6 +57,13 @@ class Free:
     def limits(self) -> tuple[float, float]:
         """Return the bounds of the walk."""
         return self.to_walk(self.parameter.lower), self.to_walk(self.parameter.upper)
+
+    def stuck(self, value: float) -> str | None:
+        """Return the bound, 'lower' or 'upper', at which a value (SI) came to rest, if any."""
+        low, high = self.limits
+        if value <= self.parameter.lower or self.to_walk(value) - low < STUCK * (high - low):
+            return 'lower'
+        return 'upper' if high - self.to_walk(value) < STUCK * (high - low) else None
 
 
 def free_parameters(effect: str, start: dict[str, float]) -> list[Free]:
@@ -91,6 +101,13 @@ class Fit:
     view: tuple | None = None
     line: Line | None = None
 
+    def derivative(self, free: Free) -> np.ndarray | None:
+        """Return the derivative of the residual with respect to a number, (N,), if known."""
+        if self.jacobian is None or free not in self.free:
+            return None
+        column = self.jacobian[:, self.free.index(free)]
+        return column if np.isfinite(column).all() else None
+
 
 class Fitter:
     """Fits hypotheses about one set of recordings to one nominal device."""
@@ -100,6 +117,7 @@ class Fitter:
         self.evidence = evidence
         self.nuisance = Nuisance(device, is_arbitrary([t.recording for t in evidence.tracks]))
         self.rows = np.flatnonzero(fitted_rows(evidence))
+        self.lens = plain(self.rows)
         self.base = residuals(device, evidence)
 
     def device_with(self, effects: dict, phi: np.ndarray) -> Device:
@@ -126,12 +144,19 @@ class Fitter:
             phi[i] = NUDGE
             return (residuals(self.device_with({}, phi), self.evidence) - self.base) / NUDGE
 
-        self.nominal = Slope.of(np.column_stack(parallel(column, range(zero.size))), self.rows)
+        self.nominal = Slope.of(np.column_stack(parallel(column, range(zero.size))), self.lens)
 
     def reweighed(self, evidence: Evidence, turn: Callable[[np.ndarray], np.ndarray]) -> Fitter:
         """Return the same for other noise; ``turn`` is what turns weighted residuals into it."""
         other = Fitter(self.device, evidence)
-        other.nominal = Slope.of(turn(self.nominal.whole), other.rows)
+        other.nominal = Slope.of(turn(self.nominal.whole), other.lens)
+        return other
+
+    def through(self, lens: Lens) -> Fitter:
+        """Return the same that looks at residuals through another lens."""
+        other = copy(self)
+        other.lens = lens
+        other.nominal = Slope.of(self.nominal.whole, lens)
         return other
 
     def residual_of(self, effects: dict, phi: np.ndarray) -> np.ndarray:
@@ -198,7 +223,7 @@ class Fitter:
             The deviations that bring it, within bounds.
 
         """
-        now = residual[self.rows] - self.nominal.seen @ phi
+        now = self.lens(residual) - self.nominal.seen @ phi
         precision = np.diag(self.nuisance.prior ** -2.0)
         new = -np.linalg.solve(self.nominal.square + precision, self.nominal.seen.T @ now)
         new = np.clip(new, -self.nuisance.bound, self.nuisance.bound)
@@ -217,34 +242,36 @@ class Fitter:
 
         Returns
         -------
-        ndarray, shape (rows of the fit, k)
+        ndarray, shape (M, k)
+            As the lens shows them.
 
         """
         other, inverse, _ = self._view(fit)
-        seen = directions[self.rows].astype(float)
+        seen = self.lens(directions).astype(float)
         return seen - other @ (inverse @ (other.T @ seen))
 
     def _view(self, fit: Fit):
         """Return what a linear look at a fit needs: free directions and what they leave."""
         if fit.view is None:
-            other = (fit.jacobian if fit.jacobian is not None else self.nominal.whole)[self.rows]
+            other = self.lens(fit.jacobian if fit.jacobian is not None else self.nominal.whole)
             n = other.shape[1] - self.nuisance.prior.size
             # What has come to its bound can take no more of a gap.
             stuck = np.abs(fit.phi) > AT_BOUND * self.nuisance.bound
             other = other * np.concatenate([np.ones(n), ~stuck])
             precision = np.concatenate([np.full(n, 1e-6), self.nuisance.prior ** -2.0])
             inverse = np.linalg.inv(other.T @ other + np.diag(precision))
-            left = fit.residual[self.rows]
+            left = self.lens(fit.residual)
             left = left - other @ (inverse @ (other.T @ left))
             fit.view = (other, inverse, left)
         return fit.view
 
     def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
         """Return the sum of squares over the fitted rows plus that of the prior."""
-        return sum_of_squares(residual[self.rows], phi / self.nuisance.prior)
+        return sum_of_squares(self.lens(residual), phi / self.nuisance.prior)
 
     def fit(self, effects: dict[str, dict[str, float]], phi: np.ndarray | None = None,
-            steps: int = STEPS, anew: bool = False, held: bool = False) -> Fit:
+            steps: int = STEPS, anew: bool = False, held: bool = False,
+            beside: Fit | None = None, kept: Collection[str] = ()) -> Fit:
         """
         Fit effects, starting from the values given, and the nominal parameters.
 
@@ -261,6 +288,10 @@ class Fitter:
             again where the fit starts, with the effects on.
         held : bool
             Whether the nominal parameters stay where they are.
+        beside : Fit, optional
+            A fit of some of the effects, whose derivatives are borrowed at first.
+        kept : collection of str
+            Effects whose numbers stay as given.
 
         Returns
         -------
@@ -271,7 +302,7 @@ class Fitter:
         tone = None
         if TONE in effects:
             tone = Tone(self.evidence, effects[TONE].get('frequency', 0.0))
-        free = [f for name, values in effects.items() if name != TONE
+        free = [f for name, values in effects.items() if name != TONE and name not in kept
                 for f in free_parameters(name, values)]
         effects = {name: EFFECTS[name].values(values) for name, values in effects.items()}
         lower = np.array([f.limits[0] for f in free])
@@ -279,10 +310,11 @@ class Fitter:
         walk = np.array([f.to_walk(effects[f.effect][f.parameter.name]) for f in free])
         room = np.zeros(phi.size) if held else self.nuisance.bound
         landscape = Landscape(
-            lambda walk, phi: self._residual(effects, free, walk, phi, tone), self.rows,
+            lambda walk, phi: self._residual(effects, free, walk, phi, tone), self.lens,
             lower, upper, room, self.nuisance.prior)
+        known = [] if beside is None else [beside.derivative(f) for f in free]
         end = descend(landscape, np.clip(walk, lower, upper), phi,
-                      None if anew else self.nominal, steps)
+                      None if anew else self.nominal, steps, known)
         values, line = self._values(effects, free, end.walk), None
         if tone is not None:
             line, _ = tone.match(self._residual(effects, free, end.walk, end.phi))

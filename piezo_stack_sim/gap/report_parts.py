@@ -127,13 +127,9 @@ def _parameter(parameter, value, fit: Fit, effect: str, errors) -> dict:
     at_bound: bool | str = False
     for j, free in enumerate(fit.free):
         if free.effect == effect and free.parameter.name == parameter.name:
-            low, high = free.limits
-            place = free.to_walk(value) if value > 0.0 or parameter.scale != 'log' else low
-            if place - low < 1e-3 * (high - low):
-                at_bound = 'lower'
-            elif high - place < 1e-3 * (high - low):
-                at_bound = 'upper'
+            at_bound = free.stuck(value) or False
             if errors is not None and errors[j] < 50.0:
+                place = free.to_walk(max(value, parameter.lower))
                 ends = [free.to_value(place - 1.96 * errors[j]),
                         free.to_value(place + 1.96 * errors[j])]
                 ci = [_finite(end) for end in ends]

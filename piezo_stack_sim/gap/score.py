@@ -14,12 +14,14 @@ speaking against a hypothesis.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import numpy as np
 
 from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
 from piezo_stack_sim.gap.forward import spans
+from piezo_stack_sim.gap.lens import Cells
 from piezo_stack_sim.gap.noise import integrated_correlation
 
 
@@ -68,10 +70,6 @@ class Judge:
         power = np.maximum(self.powers(residual), 0.3) + self.forgiven
         return -0.5 * float(np.sum(self.weights * np.log(power)))
 
-    def strict(self, powers: np.ndarray) -> float:
-        """Return the log score of powers with nothing forgiven: what noise alone would judge."""
-        return -0.5 * float(np.sum(self.weights * np.log(np.maximum(powers, 0.3))))
-
     def left(self, powers: np.ndarray, reference: np.ndarray) -> float:
         """
         Return which part of what a reference leaves beyond the noise is still left, 0 to 1.
@@ -85,6 +83,11 @@ class Judge:
             return 1.0
         ratio = np.clip((powers - 1.0) / np.maximum(excess, 1e-9), 0.0, 2.0)
         return float(np.sum(nats * ratio) / np.sum(nats))
+
+    @cached_property
+    def cells(self) -> Cells:
+        """Return the rows that are judged by, in cells of time and frequency."""
+        return Cells(self.evidence, fitted=self.seen)
 
     def difference(self, residual: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
         """Return by how much a residual scores better than a reference, and its error."""

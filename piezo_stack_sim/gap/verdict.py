@@ -29,18 +29,20 @@ class Thresholds:
     temperature: float = 2.5  # nats by which two effects must differ to be told apart
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
     explained: float = 0.55  # part of the removable gap that a cause must remove
-    second: float = 20.0  # gain of a second effect that counts
-    alone: float = 0.9  # part removed by one effect beyond which no relative is its second
-    second_share: float = 0.65  # part of what the first leaves that the second must remove
-    leftover: float = 0.2  # excess over the noise power that sets out for a second effect
+    second: float = 40.0  # nats that a second effect must explain where it acts
+    second_part: float = 0.4  # and the part of what the first leaves there
+    alone: float = 0.85  # part removed by one effect beyond which no relative is its second
+    relative_part: float = 0.6  # and the part that a relative must explain
+    as_good: float = 0.85  # part of what the second explains from which another would do as well
+    leftover: float = 0.12  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
-    one: tuple[float, float, float] = (2.0, -3.4, -0.5)
-    two: tuple[float, float, float] = (1.0, 0.0, 0.0)  # the same for two
+    one: tuple[float, float, float] = (2.5, -4.0, -0.5)
+    two: tuple[float, float, float] = (1.5, 0.0, 0.0)  # the same for two
     nothing: float = 0.9  # how often NO_GAP is right
     unknown: float = 0.55  # and UNKNOWN
 
@@ -56,9 +58,10 @@ class Ranked:
     gain: float  # log score over the re-tuned nominal device, nats
     removed: float  # part of the removable gap that it removes
     parameters: int
-    strict: float = 0.0  # gain without forgiving differences in form, nats
-    left: float = 1.0  # part of what the best single effect leaves that is still left
+    left: float = 1.0  # part of the gap that is still left, all tracks alike
     excess: float = 0.0  # largest mean square over the noise that it leaves in a track, minus one
+    second: float = 0.0  # of a pair: nats that the second effect explains where it acts
+    part: float = 0.0  # and the part of what the first leaves there
 
     def odds(self, learned: tuple[float, float, float]) -> float:
         """Return the learned probability that this is the whole cause, all rivals apart."""
@@ -130,15 +133,13 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     t = thresholds
     best = singles[0]
     chance = probabilities(singles, t)
-    if pairs and _second_counts(best, pairs[0], t, kin):
-        names = tuple(pairs[0].name.split('+'))
-        if pairs[0].removed >= t.explained:
-            first, second = sorted(names, key=lambda name: name != best.name)
-            sure = pairs[0].odds(t.two)
-            return Verdict('MULTIPLE', names, (), f'{words(first)} alone leaves '
-                           f'{_percent(1.0 - best.removed)} of the removable gap, with '
-                           f'{words(second)} {_percent(1.0 - pairs[0].removed)}', sure, 1.0 - sure)
     explained = max(best.removed, 1.0 - best.left)
+    for pair in pairs:
+        if (second_counts(best, pair, t, kin)
+                and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
+            sure = pair.odds(t.two)
+            return Verdict('MULTIPLE', tuple(pair.name.split('+')), (),
+                           _why_two(best, pair, pairs, t), sure, 1.0 - sure)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
     if not clear and (best.gain < t.detect + 2.0 * best.parameters or explained < t.explained):
         if structure < t.excess:
@@ -163,22 +164,34 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                    'close', among, sure)
 
 
+def _why_two(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds) -> str:
+    """Return why two effects are believed in, and which other second one would do."""
+    first, second = sorted(pair.name.split('+'), key=lambda name: name != best.name)
+    others = [name for other in pairs for name in other.name.split('+')
+              if other is not pair and first in other.name.split('+') and name != first
+              and other.part >= t.second_part and other.second >= t.as_good * pair.second]
+    reason = (f'{words(first)} removes {_percent(best.removed)} of the removable gap, with '
+              f'{words(second)} {_percent(pair.removed)}; of what the first leaves where the '
+              f'second acts, that explains {_percent(pair.part)}')
+    if others:
+        reason += f' (so would {" or ".join(words(name) for name in others)})'
+    return reason
+
+
 def _percent(part: float) -> str:
     return f'{100.0 * min(max(part, 0.0), 1.0):.0f} %'
 
 
-def _second_counts(best: Ranked, pair: Ranked, t: Thresholds,
+def second_counts(best: Ranked, pair: Ranked, t: Thresholds,
                    kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: it must remove most of what the first leaves."""
-    extra = pair.parameters - best.parameters
-    if pair.strict - best.strict < t.second + 2.0 * extra:
+    if pair.second < t.second:
         return False
     names = pair.name.split('+')
-    related = frozenset(names) in kin or len({EFFECTS[name].block for name in names}) == 1
-    if related and best.name in names:
+    if frozenset(names) in kin or len({EFFECTS[name].block for name in names}) == 1:
         # What the form of the first misses, a relative fills in: it takes more to believe in two.
-        return best.removed < t.alone and pair.left < 0.5 * (1.0 - t.second_share)
-    return pair.left < 1.0 - t.second_share
+        return best.removed < t.alone and pair.part > t.relative_part
+    return pair.part > t.second_part
 
 
 def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:

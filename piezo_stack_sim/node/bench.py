@@ -19,6 +19,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 import numpy as np
@@ -75,7 +76,13 @@ class _Role:
              json.dumps(arguments)],
             env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         assert self._process.stdout
-        if self._process.stdout.readline() != 'ready\n':
+        # Whoever says nothing for so long is ended, and its last line read.
+        guard = threading.Timer(PATIENCE, self._process.kill)
+        guard.start()
+        said = self._process.stdout.readline()
+        guard.cancel()
+        if said != 'ready\n':
+            self.kill()
             raise InputError(f'bench: {name} did not start: '
                              f'{self._process.communicate()[1].strip()[-300:]}')
         self.start_time = time.monotonic() - began  # s

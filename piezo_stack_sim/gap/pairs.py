@@ -1,0 +1,228 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Second effects, found where the first has been explained.
+
+No library holds the true form of an effect, and what the form of the first
+misses is mostly louder than a second effect.  A pair is therefore fitted in
+cells of time and frequency (:mod:`piezo_stack_sim.gap.lens`), each weighed by
+what is left in it, and weighed anew as the fit goes on: what is minimised is
+the sum of the logarithms of the powers, the likelihood of noise whose power is
+known in no cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.candidates import Probe, probe_tone, Search
+from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
+from piezo_stack_sim.gap.forward import parallel
+from piezo_stack_sim.gap.lens import Cells, whitened
+
+PARTNERS = 5  # second effects that get a fit
+PLAIN_PARTNERS = 2  # and those that promise most by plain rows
+SLACK = 0.1  # part by which the promises of places of an effect may differ and count as alike
+FIRST_STEPS = 2  # Gauss-Newton steps of all of them
+LEADING = 2  # pairs that are fitted to the end, by what they lose and by merit
+PLAIN_STEPS = 4  # of these, to all rows alike
+ALONE_STEPS = 2  # and of each of two without the other
+WEIGHED_STEPS = 3  # of a fit in cells, before they are weighed anew
+FIRST_WEIGHINGS, WEIGHINGS = 2, 3  # how often they are, at first and in the end
+ARRIVED, RELATIVE = 2.0, 2e-3  # nats, and part of them, by which it must get better to go on
+ACTS = 0.3  # power of what an effect does, against what is left, from which it acts
+
+
+def search_partners(fitter: Fitter, search: Search, base: str,
+                    progress: Callable[[str], None], pair: Fit | None = None) -> None:
+    """
+    Fit pairs of ``base`` and every other effect that promises something.
+
+    What the form of ``base`` misses is mostly louder than a second effect: every cell of time
+    and frequency is weighed by what ``base`` leaves in it.  ``pair`` is a pair with it, if there
+    is one: it may know a better place for it.
+    """
+    progress(f'fitting pairs with {base}')
+    cells = Cells(fitter.evidence, fitted=True)
+    fit = _settled(fitter, cells, search.fits[base])
+    if pair is not None:
+        other = _alone(fitter, cells, base, pair)
+        fit = other if cells.nats(other.residual) < cells.nats(fit.residual) else fit
+    search.bases[base] = fit
+    weighed = fitter.through(whitened(cells, fit.residual))
+    # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
+    chosen = _promises(weighed, search, base, fit)[:PARTNERS]
+    chosen += [place for place in _promises(fitter, search, base, fit)[:PLAIN_PARTNERS]
+               if place[0] not in dict(chosen)]
+
+    def whole(place):
+        name, values = place
+        return pair_of(base, name), weighed.fit({**fit.effects, name: values}, fit.phi,
+                                                FIRST_STEPS, beside=fit)
+
+    def merit_of(name):
+        return name, _merit(fitter, cells, base, fit, fitted[name])
+
+    def settled(name):
+        return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
+
+    fitted = dict(parallel(whole, chosen))
+    merit = dict(parallel(merit_of, fitted))
+    best = sorted(fitted, key=lambda name: fitted[name].cost)[:LEADING]
+    best += [name for name in sorted(merit, key=lambda name: -merit[name])[:LEADING]
+             if name not in best]
+    for name, pair in parallel(settled, best):
+        if name not in search.fits or (
+                cells.nats(pair.residual) < cells.nats(search.fits[name].residual)):
+            search.fits[name] = pair
+            search.merits[name] = _merit(fitter, cells, base, fit, pair)
+
+
+def _settled(fitter: Fitter, cells: Cells, fit: Fit, weighings: int = WEIGHINGS) -> Fit:
+    """Return a fit that was led to where it loses the fewest nats: weighed anew, fitted anew."""
+    lost = cells.nats(fit.residual)
+    for _ in range(weighings):
+        new = fitter.through(whitened(cells, fit.residual)).fit(
+            fit.effects, fit.phi, WEIGHED_STEPS, beside=fit)
+        before, lost = lost, cells.nats(new.residual)
+        if lost >= before:
+            break
+        fit = new
+        if lost > before - max(ARRIVED, RELATIVE * lost):
+            break
+    return fit
+
+
+def _alone(fitter: Fitter, cells: Cells, base: str, pair: Fit) -> Fit:
+    """Return a fit of one effect of a pair without the other."""
+    start = fitter.fit({base: pair.effects[base]}, pair.phi, ALONE_STEPS)
+    return _settled(fitter, cells, start, FIRST_WEIGHINGS)
+
+
+def _promises(fitter: Fitter, search: Search, base: str, fit: Fit
+              ) -> list[tuple[str, dict[str, float]]]:
+    """Return second effects with a place to start, those first that promise most."""
+    fit = replace(fit, view=None)  # through the lens of this fitter
+    promises = []
+    for name, probes in search.probes.items():
+        if name != base:
+            places = [_promise(fitter, fit, probe) for probe in probes]
+            most = max(gain for gain, _, _ in places)
+            # Of places that promise alike, the one from which it is not far.
+            alike = [place for place in places if place[0] >= most - SLACK * abs(most)]
+            promises.append((most, name, min(alike, key=lambda place: place[1])[2]))
+    promises.sort(key=lambda promise: -promise[0])
+    return [(name, place) for _, name, place in promises]
+
+
+def _merit(fitter: Fitter, cells: Cells, base: str, alone: Fit, pair: Fit) -> float:
+    """Return how much a second effect explains, and how completely, in one number."""
+    nats, part = _acting(fitter, cells, base, alone, pair)
+    return max(nats, 0.0) * max(part, 0.0)
+
+
+def exchange(fitter: Fitter, search: Search, progress: Callable[[str], None]) -> None:
+    """Keep the second effect of the best pair, and look for another first one beside it."""
+    best = max(search.merits, key=lambda name: search.merits[name])
+    for other in best.split('+'):
+        if other not in search.bases:
+            search_partners(fitter, search, other, progress, search.fits[best])
+
+
+def polish_pairs(fitter: Fitter, search: Search) -> None:
+    """Fit the best pairs to all they leave, loud or not: it may lead out of a side valley."""
+    cells = Cells(fitter.evidence, fitted=True)
+
+    def nats(fits, name):
+        return cells.nats(fits[name].residual)
+
+    def whole(name):
+        fit = search.fits[name]
+        return name, _settled(fitter, cells, fitter.fit(fit.effects, fit.phi, PLAIN_STEPS))
+
+    def alone(job):
+        base, pair = job
+        return base, _alone(fitter, cells, base, search.fits[pair])
+
+    pairs = list(search.merits)
+    best = sorted(pairs, key=lambda name: nats(search.fits, name))[:LEADING]
+    best += [name for name in [max(pairs, key=lambda name: search.merits[name])]
+             if name not in best]
+    for name, pair in parallel(whole, best):
+        if cells.nats(pair.residual) < nats(search.fits, name):
+            search.fits[name] = pair
+    # Each of two is asked whether it does alone: it may have been stuck where the pair is not.
+    jobs = {base: name for name in reversed(best) for base in name.split('+')}
+    for base, fit in parallel(alone, jobs.items()):
+        if base not in search.bases or cells.nats(fit.residual) < nats(search.bases, base):
+            search.bases[base] = fit
+
+    def again(base):
+        return base, fitter.fit(search.bases[base].effects, search.bases[base].phi, PLAIN_STEPS)
+
+    # And some were never found alone.
+    for base, fit in parallel(again, jobs):
+        if fit.cost < search.fits[base].cost:
+            search.fits[base] = fit
+
+
+def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> tuple[float, float]:
+    """
+    Return how much of what the first effect leaves a second explains, where it acts.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        With which all was fitted.
+    search : Search
+        Where the pair is.
+    cells : Cells
+        The rows to judge by.
+    name : str
+        The pair.
+
+    Returns
+    -------
+    nats, part : float
+        What the second explains in the cells in which it acts, and which part that is of
+        what the first leaves there.
+
+    """
+    base = min((base for base in search.bases if base in name.split('+')),
+               key=lambda base: cells.nats(search.bases[base].residual))
+    return _acting(fitter, cells, base, search.bases[base], search.fits[name])
+
+
+def _acting(fitter: Fitter, cells: Cells, base: str, alone: Fit, pair: Fit
+            ) -> tuple[float, float]:
+    """Return what a pair explains of what ``alone`` leaves where the other effect acts."""
+    without = fitter.residual_of({base: pair.effects[base]}, pair.phi)
+    after = cells.powers(cells.spectrum(pair.residual))
+    acts = cells.powers(cells.spectrum(without - pair.residual))
+    there = (acts > ACTS * after) & (acts > 1.0)
+    before = np.log(cells.powers(cells.spectrum(alone.residual))[there])
+    nats = 0.5 * float(np.sum(before - np.log(after[there])))
+    return nats, nats / max(0.5 * float(np.sum(before)), 1e-9)
+
+
+def pair_of(one: str, other: str) -> str:
+    """Return the name of a pair, in the order of the registry."""
+    return '+'.join(sorted((one, other), key=list(EFFECTS).index))
+
+
+def _promise(fitter: Fitter, fit: Fit, probe: Probe) -> tuple[float, float, dict[str, float]]:
+    """Return what a second effect promises beside a fit, how far off it is, where to start it."""
+    if probe.effect == TONE:
+        probe = probe_tone(fitter, fit.effects, fit)
+        return probe.gain, 0.0, probe.place
+    if probe.direction is None:
+        return 0.0, 0.0, probe.place
+    # How an effect moves the outputs hardly depends on the other being on: no new simulation.
+    gain, factors = fitter.linear_gain(probe.direction, fit)
+    if probe.look.strengths:
+        return gain, 0.0, probe.look.at(EFFECTS[probe.effect], factors)
+    return gain, abs(float(np.log(max(np.abs(factors).max(), 1e-12)))), probe.place

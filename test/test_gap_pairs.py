@@ -1,0 +1,93 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Second effects beside a first one whose true form the library does not have."""
+
+import numpy as np
+from piezo_stack_sim.gap import diagnose_set
+from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.forward import residuals, simulate_set
+from piezo_stack_sim.gap.lens import Cells, whitened
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording import programmes
+from piezo_stack_sim.recording.recording import RecordingSet
+import pytest
+
+NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
+
+
+@pytest.fixture(scope='module')
+def device():
+    return Device.nominal()
+
+
+def converted(values, period, conversion=8e-5):
+    """Return what a converter with a clock of its own shows: its last finished reading."""
+    time = period * np.arange(len(values))
+    taken = np.maximum(np.floor(time / conversion) - 1.0, 0.0) * conversion
+    return np.interp(taken, time, values)
+
+
+def a_set(device, spoil=converted):
+    """Return recordings with white noise, the displacement read by a slow converter."""
+    random, recordings = np.random.default_rng(7), []
+    for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine()):
+        answer = simulate(device, programme.time, programme.command, programme.external_force)
+        measured = {name: getattr(answer, name) for name in NOISE}
+        measured['displacement'] = spoil(measured['displacement'], programme.period)
+        recordings.append(programme.replace(measured={
+            name: values + NOISE[name] * random.standard_normal(len(programme))
+            for name, values in measured.items()}))
+    return RecordingSet('bench', tuple(recordings))
+
+
+@pytest.fixture(scope='module')
+def evidence(device):
+    recordings = a_set(device).recordings
+    return prepare(recordings, simulate_set(device, recordings))
+
+
+def test_noise_has_the_same_power_in_every_cell(evidence):
+    cells = Cells(evidence, fitted=True)
+    noise = np.random.default_rng(1).standard_normal(residuals(Device.nominal(), evidence).size)
+    spectrum = cells.spectrum(noise)
+    seen = np.concatenate([rows.ravel() for rows in cells.blocks])
+    assert np.unique(seen).size == seen.size  # no row counts twice
+    assert spectrum @ spectrum == pytest.approx(noise[seen] @ noise[seen], rel=1e-9)
+    assert cells.nats(noise) < 0.1 * spectrum.size
+    # Ten times as loud loses the logarithm of ten in every coefficient.
+    louder = cells.nats(1000.0 * noise) - cells.nats(100.0 * noise)
+    assert louder == pytest.approx(spectrum.size * np.log(10.0), rel=1e-6)
+
+
+def test_fitted_and_withheld_rows_have_no_cell_in_common(evidence):
+    fitted, withheld = (np.concatenate([rows.ravel() for rows in Cells(evidence, each).blocks])
+                        for each in (True, False))
+    assert not np.intersect1d(fitted, withheld).size
+
+
+def test_through_the_lens_what_is_loud_somewhere_hides_nothing_elsewhere(evidence):
+    cells = Cells(evidence, fitted=True)
+    n = residuals(Device.nominal(), evidence).size
+    random = np.random.default_rng(2)
+    loud = np.where(np.arange(n) % 1500 < 300, 300.0, 1.0) * random.standard_normal(n)
+    weak = np.sin(np.arange(n) / 40.0)
+
+    def deviations(look):
+        seen = look(loud + weak)
+        return abs(look(weak) @ seen) / np.linalg.norm(look(weak)) / np.std(seen)
+
+    assert deviations(lambda values: values) < 2.0
+    assert deviations(whitened(cells, loud + weak)) > 5.0
+
+
+def test_a_weak_second_effect_is_found_beside_what_the_form_of_the_first_misses(device):
+    truth = device.with_effects({'asymmetric_hysteresis': {'quadratic': 0.004}})
+    answer = diagnose_set(a_set(truth), device, traces=False).document
+    assert answer['verdict'] == 'MULTIPLE'
+    assert set(answer['selected']) == {'asymmetric_hysteresis', 'sensor_delay'}
+
+
+def test_what_the_form_of_a_lone_cause_misses_is_no_second_cause(device):
+    answer = diagnose_set(a_set(device), device, traces=False).document
+    assert answer['verdict'] == 'CAUSE'
+    assert answer['selected'] == ['sensor_delay']
