@@ -183,7 +183,7 @@ def _percent(part: float) -> str:
 
 
 def second_counts(best: Ranked, pair: Ranked, t: Thresholds,
-                   kin: Collection[frozenset[str]]) -> bool:
+                  kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: it must remove most of what the first leaves."""
     if pair.second < t.second:
         return False
