@@ -243,6 +243,13 @@ def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(second
     assert decide(singles, pairs, 0.99, 50.0, []).word == word
 
 
+def test_two_effects_that_explain_no_more_than_a_third_alone_are_not_believed():
+    singles = [Ranked('amplifier_bandwidth', 900.0, 0.99, 2),
+               Ranked('command_delay', 500.0, 0.9, 1)]
+    pair = Ranked('command_delay+friction', 800.0, 0.97, 3, second=300.0, part=0.8, over=-50.0)
+    assert decide(singles, [pair], 0.99, 50.0, []).selected == ('amplifier_bandwidth',)
+
+
 def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_cause():
     singles = [Ranked('thermal_drift', 900.0, 0.98, 2), Ranked('sensor_drift', 500.0, 0.7, 1)]
     pairs = [Ranked('thermal_drift+sensor_drift', 950.0, 0.995, 3, second=200.0, part=0.5)]

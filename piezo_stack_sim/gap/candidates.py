@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,20 +45,35 @@ class Probe:
     phi: np.ndarray | None = None  # nominal deviations that go with the place, if not those here
 
 
+class Merit(NamedTuple):
+    """
+    What the second effect of a pair explains in the cells in which it acts.
+
+    In nats, and as a part of what the first alone leaves there.
+    """
+
+    nats: float
+    part: float
+
+    @property
+    def product(self) -> float:
+        """Return how much it explains, and how completely, in one number."""
+        return max(self.nats, 0.0) * max(self.part, 0.0)
+
+
 @dataclass
 class Search:
     """
     All hypotheses that were fitted: a name like ``creep`` or ``creep+friction`` to its fit.
 
-    ``bases`` are single effects as pairs were fitted: by where they explain.  ``merits`` tells of
-    a pair how much its second effect explains, and how completely.
+    ``bases`` are single effects as pairs were fitted: by where they explain.
     """
 
     nominal: Fit
     fits: dict[str, Fit] = field(default_factory=dict)
     probes: dict[str, list[Probe]] = field(default_factory=dict)
     bases: dict[str, Fit] = field(default_factory=dict)
-    merits: dict[str, float] = field(default_factory=dict)
+    merits: dict[str, Merit] = field(default_factory=dict)
 
 
 def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None]) -> Search:

@@ -91,11 +91,13 @@ def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removabl
     pairs = rank([n for n in search.fits if '+' in n], search, judge, removable)
     pairs.sort(key=lambda r: (judge.cells.nats(search.fits[r.name].residual), r.name))
     pairs = pairs[:PAIRS_SHOWN]
+    alone = min((judge.cells.nats(fit.residual) for fit in search.bases.values()), default=0.0)
     for i, pair in enumerate(pairs):
         if not set(pair.name.split('+')) <= set(search.bases):
             continue  # not among the best: nobody asked what each of the two does alone
         nats, part = explained(fitter, search, judge.cells, pair.name)
-        pairs[i] = replace(pair, second=nats, part=part)
+        lost = judge.cells.nats(search.fits[pair.name].residual)
+        pairs[i] = replace(pair, second=nats, part=part, over=alone - lost)
     return pairs
 
 
@@ -114,7 +116,7 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
         return pair
     search.fits[pair.name] = plain
     again, = rank([pair.name], search, judge, removable)
-    return replace(again, second=pair.second, part=pair.part)
+    return replace(again, second=pair.second, part=pair.part, over=pair.over)
 
 
 def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thresholds,

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import Probe, probe_tone, Search
+from piezo_stack_sim.gap.candidates import Merit, Probe, probe_tone, Search
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
@@ -34,6 +34,7 @@ ALONE_STEPS = 2  # and of each of two without the other
 WEIGHED_STEPS = 3  # of a fit in cells, before they are weighed anew
 FIRST_WEIGHINGS, WEIGHINGS = 2, 3  # how often they are, at first and in the end
 ARRIVED, RELATIVE = 2.0, 2e-3  # nats, and part of them, by which it must get better to go on
+HOPEFUL_NATS, HOPEFUL_PART = 20.0, 0.2  # merit from which a pair is worth another look
 ACTS = 0.3  # power of what an effect does, against what is left, from which it acts
 
 
@@ -64,22 +65,22 @@ def search_partners(fitter: Fitter, search: Search, base: str,
         return pair_of(base, name), weighed.fit({**fit.effects, name: values}, fit.phi,
                                                 FIRST_STEPS, beside=fit)
 
-    def merit_of(name):
-        return name, _merit(fitter, cells, base, fit, fitted[name])
+    def acting(pair):
+        return _acting(fitter, cells, base, fit, pair)
 
     def settled(name):
         return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
 
     fitted = dict(parallel(whole, chosen))
-    merit = dict(parallel(merit_of, fitted))
+    merits = dict(zip(fitted, parallel(acting, fitted.values())))
     best = sorted(fitted, key=lambda name: fitted[name].cost)[:LEADING]
-    best += [name for name in sorted(merit, key=lambda name: -merit[name])[:LEADING]
+    best += [name for name in sorted(fitted, key=lambda name: -merits[name].product)[:LEADING]
              if name not in best]
     for name, pair in parallel(settled, best):
         if name not in search.fits or (
                 cells.nats(pair.residual) < cells.nats(search.fits[name].residual)):
             search.fits[name] = pair
-            search.merits[name] = _merit(fitter, cells, base, fit, pair)
+            search.merits[name] = acting(pair)
 
 
 def _settled(fitter: Fitter, cells: Cells, fit: Fit, weighings: int = WEIGHINGS) -> Fit:
@@ -119,16 +120,10 @@ def _promises(fitter: Fitter, search: Search, base: str, fit: Fit
     return [(name, place) for _, name, place in promises]
 
 
-def _merit(fitter: Fitter, cells: Cells, base: str, alone: Fit, pair: Fit) -> float:
-    """Return how much a second effect explains, and how completely, in one number."""
-    nats, part = _acting(fitter, cells, base, alone, pair)
-    return max(nats, 0.0) * max(part, 0.0)
-
-
 def exchange(fitter: Fitter, search: Search, progress: Callable[[str], None]) -> None:
     """Keep the second effect of the best pair, and look for another first one beside it."""
-    best = max(search.merits, key=lambda name: search.merits[name])
-    for other in best.split('+'):
+    best = max(_hopeful(search), key=lambda name: search.merits[name].product, default='')
+    for other in filter(None, best.split('+')):
         if other not in search.bases:
             search_partners(fitter, search, other, progress, search.fits[best])
 
@@ -148,9 +143,9 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
         base, pair = job
         return base, _alone(fitter, cells, base, search.fits[pair])
 
-    pairs = list(search.merits)
+    pairs = _hopeful(search)
     best = sorted(pairs, key=lambda name: nats(search.fits, name))[:LEADING]
-    best += [name for name in [max(pairs, key=lambda name: search.merits[name])]
+    best += [name for name in sorted(pairs, key=lambda name: -search.merits[name].product)[:1]
              if name not in best]
     for name, pair in parallel(whole, best):
         if cells.nats(pair.residual) < nats(search.fits, name):
@@ -170,7 +165,13 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
             search.fits[base] = fit
 
 
-def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> tuple[float, float]:
+def _hopeful(search: Search) -> list[str]:
+    """Return the pairs whose second effect explains enough to be worth another look."""
+    return [name for name, merit in search.merits.items()
+            if merit.nats > HOPEFUL_NATS and merit.part > HOPEFUL_PART]
+
+
+def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
     """
     Return how much of what the first effect leaves a second explains, where it acts.
 
@@ -187,9 +188,7 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> tuple[
 
     Returns
     -------
-    nats, part : float
-        What the second explains in the cells in which it acts, and which part that is of
-        what the first leaves there.
+    Merit
 
     """
     base = min((base for base in search.bases if base in name.split('+')),
@@ -197,8 +196,7 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> tuple[
     return _acting(fitter, cells, base, search.bases[base], search.fits[name])
 
 
-def _acting(fitter: Fitter, cells: Cells, base: str, alone: Fit, pair: Fit
-            ) -> tuple[float, float]:
+def _acting(fitter: Fitter, cells: Cells, base: str, alone: Fit, pair: Fit) -> Merit:
     """Return what a pair explains of what ``alone`` leaves where the other effect acts."""
     without = fitter.residual_of({base: pair.effects[base]}, pair.phi)
     after = cells.powers(cells.spectrum(pair.residual))
@@ -206,7 +204,7 @@ def _acting(fitter: Fitter, cells: Cells, base: str, alone: Fit, pair: Fit
     there = (acts > ACTS * after) & (acts > 1.0)
     before = np.log(cells.powers(cells.spectrum(alone.residual))[there])
     nats = 0.5 * float(np.sum(before - np.log(after[there])))
-    return nats, nats / max(0.5 * float(np.sum(before)), 1e-9)
+    return Merit(nats, nats / max(0.5 * float(np.sum(before)), 1e-9))
 
 
 def pair_of(one: str, other: str) -> str:

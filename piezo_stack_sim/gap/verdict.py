@@ -62,6 +62,7 @@ class Ranked:
     excess: float = 0.0  # largest mean square over the noise that it leaves in a track, minus one
     second: float = 0.0  # of a pair: nats that the second effect explains where it acts
     part: float = 0.0  # and the part of what the first leaves there
+    over: float = math.inf  # nats by which it is better than any single effect
 
     def odds(self, learned: tuple[float, float, float]) -> float:
         """Return the learned probability that this is the whole cause, all rivals apart."""
@@ -167,6 +168,10 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
 def _why_two(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds) -> str:
     """Return why two effects are believed in, and which other second one would do."""
     first, second = sorted(pair.name.split('+'), key=lambda name: name != best.name)
+    if first != best.name:
+        return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap, '
+                f'{words(first)} with {words(second)} {_percent(pair.removed)}; of what either '
+                f'leaves where the other acts, that explains {_percent(pair.part)}')
     others = [name for other in pairs for name in other.name.split('+')
               if other is not pair and first in other.name.split('+') and name != first
               and other.part >= t.second_part and other.second >= t.as_good * pair.second]
@@ -185,7 +190,7 @@ def _percent(part: float) -> str:
 def second_counts(best: Ranked, pair: Ranked, t: Thresholds,
                   kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: it must remove most of what the first leaves."""
-    if pair.second < t.second:
+    if pair.second < t.second or pair.over < 0.5 * t.second:
         return False
     names = pair.name.split('+')
     if frozenset(names) in kin or len({EFFECTS[name].block for name in names}) == 1:
