@@ -66,7 +66,9 @@ class Search:
     """
     All hypotheses that were fitted: a name like ``creep`` or ``creep+friction`` to its fit.
 
-    ``bases`` are single effects as pairs were fitted: by where they explain.
+    ``bases`` are single effects as pairs are fitted: by where they explain.  ``merits`` tells of a
+    pair what its second effect explains there, on the fitted rows.  ``corrected`` are pairs as
+    they correct the device best, where that is another fit.
     """
 
     nominal: Fit
@@ -74,6 +76,11 @@ class Search:
     probes: dict[str, list[Probe]] = field(default_factory=dict)
     bases: dict[str, Fit] = field(default_factory=dict)
     merits: dict[str, Merit] = field(default_factory=dict)
+    corrected: dict[str, Fit] = field(default_factory=dict)
+
+    def correction(self, name: str) -> Fit:
+        """Return the fit of a hypothesis that corrects the device."""
+        return self.corrected.get(name, self.fits[name])
 
 
 def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None]) -> Search:

@@ -41,7 +41,8 @@ class Decision:
         """Return the fit of what was selected; the nominal one if nothing was."""
         if not self.verdict.selected:
             return search.nominal
-        return search.fits['+'.join(sorted(self.verdict.selected, key=list(EFFECTS).index))]
+        return search.correction(
+            '+'.join(sorted(self.verdict.selected, key=list(EFFECTS).index)))
 
 
 class Removable:
@@ -77,7 +78,7 @@ def rank(names, search: Search, judge: Judge, removable: Removable) -> list[Rank
     base = judge.powers(search.nominal.residual)
     ranked = []
     for name in names:
-        fit = search.fits[name]
+        fit = search.correction(name)
         powers = judge.powers(fit.residual)
         ranked.append(Ranked(
             name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
@@ -109,12 +110,12 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
     The second stays as it was found where it shows: it would be bent to fill in what the form of
     the first misses.
     """
-    weighed = search.fits[pair.name]
-    second = [name for name in pair.name.split('+') if name != first]
-    plain = fitter.fit(weighed.effects, weighed.phi, PLAIN_STEPS, kept=second)
-    if removable.share(plain.residual) < pair.removed + CLEARLY:
-        return pair
-    search.fits[pair.name] = plain
+    if pair.name not in search.corrected:
+        weighed = search.fits[pair.name]
+        second = [name for name in pair.name.split('+') if name != first]
+        plain = fitter.fit(weighed.effects, weighed.phi, PLAIN_STEPS, kept=second)
+        better = removable.share(plain.residual) > pair.removed + CLEARLY
+        search.corrected[pair.name] = plain if better else weighed
     again, = rank([pair.name], search, judge, removable)
     return replace(again, second=pair.second, part=pair.part, over=pair.over)
 

@@ -47,6 +47,8 @@ class Cells:
             inside = np.flatnonzero(np.diff(np.concatenate(
                 [[0], evidence.tracks[i].fitted == fitted, [0]])))
             starts, ends = inside[::2], inside[1::2]
+            if not starts.size:
+                continue  # too short to withhold anything
             length = max(1, int((ends - starts).min()) // BLOCKS)
             begin = np.concatenate([np.arange(a, b - length + 1, length)
                                     for a, b in zip(starts, ends)])

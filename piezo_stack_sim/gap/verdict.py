@@ -189,7 +189,7 @@ def _percent(part: float) -> str:
 
 def second_counts(best: Ranked, pair: Ranked, t: Thresholds,
                   kin: Collection[frozenset[str]]) -> bool:
-    """Tell whether a second effect is needed: it must remove most of what the first leaves."""
+    """Tell whether a second effect is needed: it must explain enough where it acts."""
     if pair.second < t.second or pair.over < 0.5 * t.second:
         return False
     names = pair.name.split('+')
