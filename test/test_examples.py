@@ -77,20 +77,53 @@ def test_without_a_device_the_mend_is_told(monkeypatch):
 
 
 def test_a_controller_by_wall_time_gets_every_sample_it_answers():
-    from piezo_stack_sim.examples.experiment import track
-    from piezo_stack_sim.examples.pi_control import constant_gain
     from piezo_stack_sim.examples.stack_client import in_ros, StackClient
     node = NodeProcess(*node_arguments('rate:=200', name='by_wall_time'))
-    runs = []
+    heights = np.array([HEIGHT, VALLEY, 6e-6])
+    answers = {height: [] for height in heights}
 
     def task():
         client = StackClient(f'{SPACE}/by_wall_time', 'charge')
-        runs.append(track(client, 'charge', constant_gain(9.32836e-2), 2))
+        client.reset()
+        for height in heights:
+            for _ in range(100):  # however late the command gets there
+                answers[height].append(client.exchange(height / 9.32836e-2))
+                if answers[height][-1][1] == pytest.approx(height, rel=0.01):
+                    break
         client.close()
 
     in_ros([], task)
     assert node.end()[0] == 0
-    assert runs[0].displacement.max() == pytest.approx(HEIGHT, rel=0.01)
+    reached = [answers[height][-1][1] for height in heights]
+    assert reached == pytest.approx(heights, rel=0.01)
+    numbers = [number for height in heights for number, _ in answers[height]]
+    assert numbers == sorted(set(numbers))  # no sample came twice, or before the one it follows
+
+
+class Late:
+    """A device by wall time whose samples 3 and 4 the controller was too late for."""
+
+    rate, delay = 100.0, 2
+
+    def __init__(self):
+        self.numbers, self.commands = iter([1, 2, *range(5, 1000)]), []
+
+    def reset(self):
+        self.commands.clear()
+
+    def exchange(self, command):
+        self.commands.append(command)
+        return next(self.numbers), 1e-6 * len(self.commands)
+
+
+def test_a_sample_that_was_missed_counts_as_the_next_one():
+    from piezo_stack_sim.examples.experiment import track
+    device = Late()
+    run = track(device, 'charge', lambda wanted, ahead, measured: ahead, 2)
+    assert list(run.displacement[:7]) == pytest.approx(
+        [0.0, 1e-6, 2e-6, 3e-6, 3e-6, 3e-6, 4e-6])
+    assert list(run.command[2:5]) == [device.commands[2]] * 3
+    assert device.commands[3] == run.reference[5 + device.delay]
 
 
 @pytest.mark.parametrize('rate', [100.0, 1000.0])
