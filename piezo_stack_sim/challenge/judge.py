@@ -14,9 +14,10 @@ MAGNITUDES = ((1.0, 'below noise'), (3.0, '1 to 3'), (10.0, '3 to 10'), (30.0, '
 
 
 def first(answer):
-    """Return the ids of the candidate that an answer ranks first: a tuple, empty if none."""
-    causes = answer.get('causes') or []
-    return tuple(causes[0]['effect'].split('+')) if causes else ()
+    """Return the id of the effect that an answer ranks first: a tuple, empty if none."""
+    single = [cause['effect'] for cause in answer.get('causes') or ()
+              if '+' not in cause['effect']]
+    return tuple(single[:1])
 
 
 def named(answer):

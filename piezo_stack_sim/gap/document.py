@@ -107,13 +107,13 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
 
 def _causes(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds
             ) -> list[dict]:
-    """Return every effect, best first, then the best pairs."""
+    """Return every effect and the best pairs, the likeliest first."""
     verdict, nominal = decision.verdict, search.nominal
     chance = verdict.single * probabilities(decision.singles, thresholds)
     ranked = [*zip(decision.singles, chance.tolist()),
               *((pair, _pair_chance(verdict, pair)) for pair in decision.pairs[:PAIRS_SHOWN])]
-    return [cause_part(each, search.fits[each.name], chance, decision.judge, nominal, fitter)
-            for each, chance in ranked]
+    return [cause_part(each, search.correction(each.name), chance, decision.judge, nominal, fitter)
+            for each, chance in sorted(ranked, key=lambda row: -row[1])]
 
 
 def _pair_chance(verdict, ranked: Ranked) -> float:
@@ -124,8 +124,9 @@ def _pair_chance(verdict, ranked: Ranked) -> float:
 def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:
     if verdict.word == 'NO_GAP':
         return None
-    if verdict.selected:
-        return EFFECTS[verdict.selected[0]].block
+    if verdict.selected:  # of several, the one with most of the gap
+        return max((EFFECTS[name].block for name in verdict.selected),
+                   key=lambda block: fractions.get(block, 0.0))
     if fractions and max(fractions.values()) > 0.0:
         return max(fractions, key=lambda block: fractions[block])
     return EFFECTS[singles[0].name].block

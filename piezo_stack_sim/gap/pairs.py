@@ -23,6 +23,7 @@ from piezo_stack_sim.gap.candidates import Merit, Probe, probe_tone, Search
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
+from piezo_stack_sim.gap.quantities import words
 
 PARTNERS = 5  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows
@@ -47,12 +48,12 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     and frequency is weighed by what ``base`` leaves in it.  ``pair`` is a pair with it, if there
     is one: it may know a better place for it.
     """
-    progress(f'fitting pairs with {base}')
+    progress(f'fitting pairs with {words(base)}')
     cells = Cells(fitter.evidence, fitted=True)
     fit = _settled(fitter, cells, search.fits[base])
     if pair is not None:
         other = _alone(fitter, cells, base, pair)
-        fit = other if cells.nats(other.residual) < cells.nats(fit.residual) else fit
+        fit = other if _better(cells, other, fit) else fit
     search.bases[base] = fit
     weighed = fitter.through(whitened(cells, fit.residual))
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
@@ -77,10 +78,13 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     best += [name for name in sorted(fitted, key=lambda name: -merits[name].product)[:LEADING]
              if name not in best]
     for name, pair in parallel(settled, best):
-        if name not in search.fits or (
-                cells.nats(pair.residual) < cells.nats(search.fits[name].residual)):
+        if _better(cells, pair, search.fits.get(name)):
             search.fits[name] = pair
             search.merits[name] = acting(pair)
+
+
+def _better(cells: Cells, fit: Fit, known: Fit | None) -> bool:
+    return known is None or cells.nats(fit.residual) < cells.nats(known.residual)
 
 
 def _settled(fitter: Fitter, cells: Cells, fit: Fit, weighings: int = WEIGHINGS) -> Fit:
@@ -132,9 +136,6 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
     """Fit the best pairs to all they leave, loud or not: it may lead out of a side valley."""
     cells = Cells(fitter.evidence, fitted=True)
 
-    def nats(fits, name):
-        return cells.nats(fits[name].residual)
-
     def whole(name):
         fit = search.fits[name]
         return name, _settled(fitter, cells, fitter.fit(fit.effects, fit.phi, PLAIN_STEPS))
@@ -144,16 +145,16 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
         return base, _alone(fitter, cells, base, search.fits[pair])
 
     pairs = _hopeful(search)
-    best = sorted(pairs, key=lambda name: nats(search.fits, name))[:LEADING]
+    best = sorted(pairs, key=lambda name: cells.nats(search.fits[name].residual))[:LEADING]
     best += [name for name in sorted(pairs, key=lambda name: -search.merits[name].product)[:1]
              if name not in best]
     for name, pair in parallel(whole, best):
-        if cells.nats(pair.residual) < nats(search.fits, name):
+        if _better(cells, pair, search.fits[name]):
             search.fits[name] = pair
     # Each of two is asked whether it does alone: it may have been stuck where the pair is not.
     jobs = {base: name for name in reversed(best) for base in name.split('+')}
     for base, fit in parallel(alone, jobs.items()):
-        if base not in search.bases or cells.nats(fit.residual) < nats(search.bases, base):
+        if _better(cells, fit, search.bases.get(base)):
             search.bases[base] = fit
 
     def again(base):

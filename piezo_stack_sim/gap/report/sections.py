@@ -10,8 +10,9 @@ is None leaves its section out.
 from collections import namedtuple
 
 from piezo_stack_sim.gap import wording
-from piezo_stack_sim.gap.quantities import (interval, percent, probability, quantity,
-                                            times_noise, unit_of, UNKNOWN, with_interval, words)
+from piezo_stack_sim.gap.quantities import (
+    interval, listing, percent, probability, quantity, times_noise, unit_of, UNKNOWN,
+    with_interval, words)
 from piezo_stack_sim.gap.report.chain import chain_view
 from piezo_stack_sim.gap.report.ranking import isolability_view, ranking_view
 from piezo_stack_sim.gap.report.scales import Scale
@@ -26,7 +27,6 @@ def headline_view(diagnosis):
     what = {'NO_GAP': 'nothing is missing', 'UNKNOWN': 'not in the library',
             'NOT_IDENTIFIABLE': 'cannot be said'}.get(diagnosis['verdict'])
     joint = ' or ' if diagnosis['verdict'] == 'AMBIGUOUS' else ' + '
-    block = diagnosis['where']['block']
     experiment = diagnosis['next_experiment']
     return {
         'name': diagnosis.get('name'),
@@ -35,12 +35,22 @@ def headline_view(diagnosis):
         'sentence': wording.verdict_sentence(diagnosis),
         'reason': wording.as_sentence(diagnosis.get('reason')),
         'what': what or joint.join(map(words, named)),
-        'block': f'{block} block' if block else '',
+        'block': _blocks(diagnosis),
         'sure': probability(wording.confidence(diagnosis)),
         'smaller': _smaller(diagnosis),
         'next': wording.next_sentence(experiment) if experiment else None,
         'refused': sum(row['severity'] == 'refused' for row in diagnosis.get('preflight', ())),
     }
+
+
+def _blocks(diagnosis):
+    """Return the block of the gap, or those of all the effects that together cause it."""
+    blocks = [diagnosis['where']['block']]
+    if diagnosis['verdict'] == 'MULTIPLE':
+        lives = {cause['effect']: cause['block'] for cause in diagnosis['causes']}
+        blocks = list(dict.fromkeys(
+            lives[effect] for effect in diagnosis['selected'] if effect in lives)) or blocks
+    return f'{listing(blocks)} block{"s" * (len(blocks) > 1)}' if blocks[0] else ''
 
 
 def _smaller(diagnosis):
