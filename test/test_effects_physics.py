@@ -142,6 +142,36 @@ def test_what_leaks_past_the_stack_does_not_bow_its_displacement():
     assert np.allclose(leaky.displacement, tight.displacement, atol=1e-13)
 
 
+@pytest.mark.parametrize('exponent', [0.5, 1.0])
+@pytest.mark.parametrize('period', [2e-5, 2e-4])
+def test_break_voltages_grow_with_a_power_of_the_current(exponent, period):
+    current, growth = 5e-3, 0.03
+    time = period * np.arange(round(0.04 / period))
+    fast = only('rate_dependent_hysteresis', growth=growth, exponent=exponent)
+    answers = [simulate(target, time, current * time, drive='charge') for target in (fast, IDEAL)]
+    # Charge that comes in steps: each counts, and fades with 0.1 ms until the next.
+    steps = period / 1e-4
+    late = current * steps / math.expm1(steps)
+    actuator, charge = IDEAL.actuator, answers[0].charge[-1]
+    slow = np.array(actuator.maxwell_break_voltage)
+    wanted = [np.minimum(np.array(actuator.maxwell_stiffness) * charge, breaks).sum()
+              for breaks in (slow * (1.0 + growth * (late / 1e-2) ** exponent), slow)]
+    assert answers[0].voltage[-1] - answers[1].voltage[-1] == pytest.approx(
+        wanted[0] - wanted[1], rel=1e-3)
+
+
+def test_break_voltages_that_grow_widen_fast_loops_alone():
+    def area(target, frequency):
+        time, voltage = sine(frequency, 0.0, 80.0, 3, 400)
+        answer = simulate(target, time, voltage)
+        last = slice(800, None)
+        return abs(np.trapezoid(voltage[last], answer.charge[last]))
+
+    growing = only('rate_dependent_hysteresis', growth=0.03, exponent=1.0)
+    assert area(growing, 0.1) == pytest.approx(area(IDEAL, 0.1), rel=1e-3)
+    assert area(growing, 50.0) > 1.02 * area(IDEAL, 50.0)
+
+
 @pytest.mark.parametrize('resistance, microcoulomb', [(1e7, 900.0), (1e8, 90.0)])
 def test_leakage_adds_to_the_measured_charge_of_a_held_stack(resistance, microcoulomb):
     time = np.linspace(0.0, 100.0, 101)

@@ -70,6 +70,8 @@ class Model:
     smooth_force: tuple[float, float] = (0.0, 0.0)
     previous_voltages: tuple[float, ...] = ()
     branch_difference: float = 0.0
+    break_growth: float = 0.0
+    break_growth_exponent: float = 1.0
     fast_rates: list[float] = field(default_factory=list)
     slow_rates: list[float] = field(default_factory=list)
     reading_rates: list[float] = field(default_factory=list)
@@ -313,6 +315,8 @@ def assemble(model: Model) -> System:
     real[layout.R_K2], real[layout.R_K3] = model.smooth_force
     real[layout.R_OMEGA_EXTRA] = min(model.slow_rates, default=0.0)
     real[layout.R_OMEGA_FAST] = max(model.slow_rates, default=0.0)
+    real[layout.R_GROWTH] = model.break_growth
+    real[layout.R_EXPONENT] = model.break_growth_exponent
     real[layout.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
 
     stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness
@@ -335,6 +339,7 @@ def assemble(model: Model) -> System:
     ints[layout.I_LIMITER] = limited and charge_is_state
     ints[layout.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
     ints[layout.I_CLAMPED] = model.clamped
+    ints[layout.I_RATED] = model.break_growth != 0.0
     # What relaxes as fast as the end swings shows for a while after a jump.
     ints[layout.I_RELAXING] = quickest > 0.1 * omega_max
     # The ideal stack needs three inputs; the neutral rest is not worked with.
@@ -349,7 +354,8 @@ def assemble(model: Model) -> System:
     ints[layout.I_SOURCE] = -1 if model.source_state is None else column[model.source_state]
 
     # Two states, one port with memory, no further terms: the fast kernel can take it.
-    special = [layout.I_FRICTION, layout.I_CONTACT, layout.I_LIMITER, layout.I_SMOOTH]
+    special = [layout.I_FRICTION, layout.I_CONTACT, layout.I_LIMITER, layout.I_SMOOTH,
+               layout.I_RATED]
     is_ideal = (n_states == 2 and not ints[special].any() and not opposing.any()
                 and set(model.force_terms) <= {'external_force'}
                 and not reading[0, base + layout.A_RC:].any())

@@ -27,7 +27,7 @@ from piezo_stack_sim.plant.calm import calm_time
 from piezo_stack_sim.plant.events import first_event
 from piezo_stack_sim.plant.modes import build_mode
 from piezo_stack_sim.plant.parameters import Device
-from piezo_stack_sim.plant.ports import settle, switch
+from piezo_stack_sim.plant.ports import grow, settle, switch
 from piezo_stack_sim.plant.stack import Plant
 from piezo_stack_sim.plant.tables import Tables
 
@@ -110,7 +110,7 @@ def compile_all_beside() -> None:
 
 def help_compiling() -> None:
     """Compile what sets up modes, say so, then the kernel of the ideal stack."""
-    _, (k, _, _, real, ip, rates, opposing, reading, *rest) = _arguments()
+    _, (k, _, _, _, real, ip, rates, opposing, reading, *rest) = _arguments()
     (tick, levels, short, _, *space) = rest
     build_mode(0, real, ip, k, rates, opposing, reading, tick, levels, short, *space)
     print('modes', flush=True)
@@ -118,15 +118,16 @@ def help_compiling() -> None:
 
 
 def _compile_ports() -> None:
-    arrays, (k, v_break, r, real, ip, _, opposing, *_) = _arguments()
+    arrays, (k, v_break, r, limits, real, ip, _, opposing, *_) = _arguments()
     settle(arrays.s, arrays.inputs, arrays.flags, arrays.p, r, k, v_break, real, ip, opposing,
            arrays.memory)
+    grow(arrays.flags, arrays.p, r, v_break, limits, real, arrays.memory)
     switch(np.zeros(layout.N_WATCHED), arrays.s, arrays.inputs, arrays.flags, arrays.p, r, k,
            v_break, real, ip, arrays.memory, 0)
 
 
 def _compile_events() -> None:
-    arrays, (k, _, r, real, ip, *_) = _arguments()
+    arrays, (k, _, r, _, real, ip, *_) = _arguments()
     now = np.zeros(layout.N_WATCHED)
     first_event(now, now, arrays.s, arrays.s, 1e-6, arrays.flags, arrays.p, r, real, ip,
                 arrays.memory, k.size, True, True, False, False)
@@ -139,7 +140,8 @@ class _Arrays:
     def __init__(self, n_states: int, elements: int) -> None:
         self.s, self.p = np.zeros(n_states), np.zeros(elements)
         self.flags = np.zeros(layout.N_FLAGS, dtype=np.int64)
-        self.inputs, self.memory = np.zeros(layout.N_INPUTS), np.zeros(4)
+        self.inputs = np.zeros(layout.N_INPUTS)
+        self.memory = np.zeros(layout.N_MEMORY)
 
 
 def _arguments():

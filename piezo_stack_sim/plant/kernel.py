@@ -21,11 +21,13 @@ from piezo_stack_sim.plant.compiled import dot, jit
 from piezo_stack_sim.plant.events import first_event
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_INPUTS,
-    I_LIMITER, I_RELAXING, I_SMOOTH, MAX_EVENTS, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED,
-    R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U, W_OUT, W_Q, W_Q1, W_Q2, W_WANT, WORK_BEND, WORK_END,
+    I_LIMITER, I_RATED, I_RELAXING, I_SMOOTH, M_BEGAN, M_CHARGE, M_GROWTH, M_JUMP, M_SINCE,
+    MAX_EVENTS, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED, R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U,
+    W_OUT, W_Q, W_Q1, W_Q2, W_WANT, WORK_BEND, WORK_END,
     WORK_HELD, WORK_NOW, WORK_THEN, WORK_Z, WORK_Z1)
 from piezo_stack_sim.plant.modes import build_mode, mode_index
-from piezo_stack_sim.plant.ports import offsets, settle, smooth_force, smooth_voltage, switch
+from piezo_stack_sim.plant.ports import (
+    grow, grown, offsets, settle, smooth_force, smooth_voltage, switch)
 from piezo_stack_sim.plant.smooth import charge_gain, follow, smooth_step
 
 AFRESH = -1  # trust no more than short sub-steps, for the motion has changed
@@ -68,7 +70,7 @@ def _advance(tables, at, ticks, tick, z, n, used, smooth, end):
 
 @jit
 def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
-        state, p, flags, ports, x_block, k, v_break, r,
+        state, p, flags, ports, x_block, k, v_break, r, limits,
         real, ip, rates, opposing, reading, cls_tick, levels, short, built,
         tables, watch, omegas, dampings, matrices, work, out_state, out_read):
     """
@@ -76,6 +78,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
 
     ``seg_state[i]`` / ``seg_read[i]`` name the row of ``out_state`` /
     ``out_read`` (n, 6) that is sampled at the end of segment i, or -1.
+    ``limits`` (2, n) is where break charges and voltages that grow with the current are kept.
     ``built`` marks the modes whose propagators ``tables`` exist; ``matrices`` and
     ``work`` are space to work in, see :mod:`piezo_stack_sim.plant.layout`.
     Returns 0, or 1 if a state left the finite numbers.
@@ -108,6 +111,13 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     relaxing = ip[I_RELAXING] != 0
     limited = ip[I_LIMITER] != 0
     displaced = ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0
+    rated = ip[I_RATED] != 0
+    r_slow = r
+    v_slow = v_break
+    if rated:
+        grown(x_block[M_GROWTH], r_slow, v_slow, limits)
+        r = limits[0]
+        v_break = limits[1]
     n_look = (W_WANT if limited else W_Q1) + 1
     rows = n_states + n_look
     known = False  # `calm` holds for the present state
@@ -127,11 +137,18 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         trust = levels[d]  # the longest sub-step, in levels
         begun = False
         if inputs[U] != seg_u[segment] or inputs[FORCE] != seg_force[segment]:
+            if rated and left > 0:
+                grow(flags, p, r_slow, v_slow, limits, real, x_block)
+            before = x_block[M_CHARGE]
             inputs[U] = seg_u[segment]
             inputs[FORCE] = seg_force[segment]
             settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block)
             offsets(inputs, flags, p, k, v_break, real, ip, x_block)
             x_block[1] = x_block[2]
+            if rated and left > 0:
+                x_block[M_JUMP] = abs(x_block[M_CHARGE] - before)
+                x_block[M_BEGAN] = x_block[M_CHARGE]
+                x_block[M_SINCE] = 0.0
             unsettled = 4
             kind = 1  # a rate of charge that now points back ends the slip at once
             if relaxing:
@@ -278,6 +295,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             trust = min(trust + 1, levels[d])
             level = trust if reliable and not smooth else min(level + 1, trust)
         x_block[2] = now[W_Q]
+        x_block[M_SINCE] += tick * seg_ticks[segment]
         if not math.isfinite(x_block[2]) or not math.isfinite(s[0]):
             failed = 1
             break

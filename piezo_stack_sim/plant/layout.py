@@ -13,9 +13,15 @@ a_rc, 1, a_friction, a_contact, smooth voltage, smooth force; the ideal stack
 needs the first three, and only as many are worked with.
 
 ``memory`` (``x_block``) holds the position of the friction block (m), the
-furthest charge since slip began (C), the present charge (C) and the furthest
-displacement since the guide slips (m).
+furthest charge since slip began (C), the present charge (C), the furthest
+displacement since the guide slips (m), the current of late (A), by what part break
+voltages have grown with it; and of the newest command by how much the charge
+jumped (C), where to (C) and how long ago (s).
 """
+
+(M_FRICTION, M_FURTHEST, M_CHARGE, M_SLIDE, M_CURRENT, M_GROWTH, M_JUMP, M_BEGAN,
+ M_SINCE) = range(9)
+N_MEMORY = 9
 
 # Inputs, in the order of their columns.
 U, FORCE, A_RC, ONE, A_FRICTION, A_CONTACT, SMOOTH_V, SMOOTH_F = range(8)
@@ -37,13 +43,13 @@ N_AHEAD = 3  # of them are known at the end of a sub-step together with the stat
 # Real parameters of the kernel.
 (R_T, R_C, R_MASS, R_STIFFNESS, R_RESISTANCE, R_INTERNAL, R_LIMIT, R_FRICTION_K,
  R_FRICTION_F, R_GAP, R_CONTACT_K, R_V2, R_V3, R_K2, R_K3, R_OMEGA_EXTRA, R_RATE_MAX,
- R_TOL, R_DAMPING, R_OMEGA_FAST, R_QUICKEST) = range(21)
-N_REAL = 21
+ R_TOL, R_DAMPING, R_OMEGA_FAST, R_QUICKEST, R_GROWTH, R_EXPONENT) = range(23)
+N_REAL = 23
 
 # Integer parameters.
 (I_DRIVE, I_QSTATE, I_FRICTION, I_CONTACT, I_LIMITER, I_SMOOTH, I_CLAMPED, I_SOURCE,
- I_INPUTS, I_RELAXING) = range(10)
-N_INT = 10
+ I_INPUTS, I_RELAXING, I_RATED) = range(11)
+N_INT = 11
 
 # Drives.
 VOLTAGE, CHARGE = 0, 1
@@ -56,6 +62,9 @@ N_FLAGS = 6
 CHARGE_TOLERANCE = 1e-14  # C; a millionth of the smallest break charge of interest
 DISPLACEMENT_TOLERANCE = 1e-15  # m
 REST = 1e-12  # C; less than this to come (0.1 pm) is rest
+GROWTH_STEP = 1e-7  # growth of break voltages below which they are left as they are
+GROWTH_CURRENT = 1e-2  # A at which the growth is stated
+GROWTH_MEMORY = 1e-4  # s, of the current that it follows
 MAX_EVENTS = 100000  # in one segment; a guard, never met by a finite input
 
 # Space to work in: rows as wide as an extended state or what is watched, the last four

@@ -13,9 +13,11 @@ import math
 from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.layout import (
     A_CONTACT, A_FRICTION, A_RC, CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR,
-    F_FRIC, F_FRIC_DIR, F_LIMIT, F_SLIP, I_CONTACT, I_DRIVE, I_FRICTION, I_LIMITER, I_QSTATE,
-    I_SMOOTH, I_SOURCE, R_C, R_CONTACT_K, R_FRICTION_F, R_FRICTION_K, R_GAP, R_K2, R_K3, R_LIMIT,
-    R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
+    F_FRIC, F_FRIC_DIR, F_LIMIT, F_SLIP, GROWTH_CURRENT, GROWTH_MEMORY, GROWTH_STEP, I_CONTACT,
+    I_DRIVE, I_FRICTION, I_LIMITER, I_QSTATE, I_SMOOTH, I_SOURCE, M_BEGAN, M_CHARGE, M_CURRENT,
+    M_GROWTH, M_JUMP, M_SINCE, R_C, R_CONTACT_K, R_EXPONENT, R_FRICTION_F, R_FRICTION_K, R_GAP,
+    R_GROWTH, R_K2, R_K3, R_LIMIT, R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1,
+    W_WANT)
 
 
 @jit
@@ -46,6 +48,46 @@ def stick(flags, p, r, q):
     for i in range(flags[F_SLIP]):
         p[i] = q - flags[F_DIR] * r[i]
     flags[F_SLIP] = 0
+
+
+@jit
+def grown(growth, r, v_break, limits):
+    """Set ``limits`` (2, n) to the charges and voltages at which elements break by now."""
+    for i in range(r.size):
+        limits[0, i] = r[i] * (1.0 + growth)
+        limits[1, i] = v_break[i] * (1.0 + growth)
+
+
+@jit
+def grow(flags, p, r, v_break, limits, real, x_block):
+    """
+    Let the break voltages follow the current of late.
+
+    An element that holds more than it still can gives way: its block follows.
+    """
+    remember(x_block)
+    growth = real[R_GROWTH] * (x_block[M_CURRENT] / GROWTH_CURRENT) ** real[R_EXPONENT]
+    if abs(growth - x_block[M_GROWTH]) <= GROWTH_STEP:
+        return
+    q = x_block[M_CHARGE]
+    if growth > x_block[M_GROWTH]:
+        stick(flags, p, limits[0], q)
+    x_block[M_GROWTH] = growth
+    grown(growth, r, v_break, limits)
+    for i in range(flags[F_SLIP], r.size):
+        p[i] = min(max(p[i], q - limits[0, i]), q + limits[0, i])
+
+
+@jit
+def remember(x_block):
+    """Let the current of late follow what has flowed since the command last changed."""
+    length = x_block[M_SINCE]
+    if length <= 0.0:
+        return
+    fading = math.exp(-length / GROWTH_MEMORY)
+    current = abs(x_block[M_CHARGE] - x_block[M_BEGAN]) / length
+    x_block[M_CURRENT] = ((x_block[M_CURRENT] + x_block[M_JUMP] / GROWTH_MEMORY) * fading
+                          + current * (1.0 - fading))
 
 
 @jit

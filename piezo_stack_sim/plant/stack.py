@@ -93,7 +93,7 @@ class Plant:
         self._flags = np.zeros(layout.N_FLAGS, dtype=np.int64)
         self._inputs = np.zeros(layout.N_INPUTS)
         self._inputs[layout.ONE] = 1.0
-        self._memory = np.zeros(4)
+        self._memory = np.zeros(layout.N_MEMORY)
         self._out_of_range = False
         self._zero = np.zeros(2)
         if any(model.previous_voltages):
@@ -117,7 +117,7 @@ class Plant:
                                   system.r, system.k, system.v_break, elastance)
         ports.stick(self._flags, self._p, system.r, q)
         self._s += q * per_charge
-        self._memory[:] = (self._s[0], q, q, self._s[0])
+        self._memory[:4] = (self._s[0], q, q, self._s[0])
         self._inputs[layout.A_RC] = -system.k @ self._p  # all elements stick
 
     def _bring_in_line(self, source: float) -> None:
@@ -172,7 +172,8 @@ class Plant:
             raise InputError('saved plant state: what is on its way through the delays does not '
                              'fit this device; use the same delays and sample period')
         blocks = np.array(state.blocks)
-        if np.any(np.abs(np.diff(blocks)) > np.diff(self._system.r) * (1 + 1e-6) + 1e-12):
+        apart = np.diff(self._system.r) * (1 + 1e-6) + 1e-12
+        if not self._system.ints[layout.I_RATED] and np.any(np.abs(np.diff(blocks)) > apart):
             raise InputError('saved plant state: blocks further apart than any history of '
                              'charge can leave them (break charges bound the differences)')
         self.time = float(state.time)
@@ -181,7 +182,8 @@ class Plant:
         self._p = blocks
         self._flags = np.array(state.flags, dtype=np.int64)
         self._inputs = np.array(state.inputs)
-        self._memory = np.array(state.memory)
+        self._memory = np.zeros(layout.N_MEMORY)
+        self._memory[:len(state.memory)] = state.memory
         self._commands = np.array(state.commands)
         self._readings = np.array(state.readings)
         self._zero = np.array(state.zero)

@@ -62,7 +62,8 @@ class Tables:
                            n + layout.N_AHEAD, columns))
         self._run = kernel.run
         self.arguments = (
-            system.k, system.v_break, system.r, system.real, system.ints, system.rates,
+            system.k, system.v_break, system.r, np.zeros((2, system.k.size)), system.real,
+            system.ints, system.rates,
             system.opposing, system.reading, self.tick, self.levels,
             np.zeros((modes, n_classes), dtype=np.int64), np.zeros(modes, dtype=np.bool_), tables,
             np.zeros((modes, layout.N_WATCHED, width)), np.zeros(modes), np.zeros(modes),
