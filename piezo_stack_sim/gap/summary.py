@@ -130,8 +130,10 @@ def _causes(diagnosis, width):
             ('at bound', any(row['at_bound'] for row in cause['parameters'].values()))) if wanted]
         bar = '█' * round(min(20, max(width - 68, 0)) * cause['probability'])
         chance = probability(cause['probability'])
-        line = (f'  {rank} {words(cause["effect"]):<28} {cause["block"]:<12} {chance:>6}  '
-                f'{", ".join(marks):<12} {bar}')
+        # Two effects take the place of one and its block.
+        name = words(cause['effect'])
+        name = name if len(effects) > 1 else f'{name:<28} {cause["block"]}'
+        line = f'  {rank} {name:<41} {chance:>6}  {", ".join(marks):<12} {bar}'
         lines.append((line.rstrip(), 'bold' if on else ''))
     return lines
 
