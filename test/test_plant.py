@@ -216,7 +216,9 @@ def test_over_a_closed_cycle_the_device_takes_energy_in(device, seed):
     assert taken[2 * rows] - taken[rows] > 0.0
 
 
-def test_a_saved_state_continues_as_if_nothing_had_happened(device):
+@pytest.mark.parametrize('effects', [{}, {'rate_dependent_hysteresis': {'growth': 0.1}}])
+def test_a_saved_state_continues_as_if_nothing_had_happened(device, effects):
+    device = device.with_effects(effects)
     command, force = noisy_walk(400, 7)
     plant = Plant(device, 1e-4, 'voltage')
     plant.run(command[:200], force[:200])
@@ -233,6 +235,15 @@ def test_a_state_that_no_history_leads_to_is_refused(device):
     saved = plant.state.to_dict()
     saved['blocks'][0] = 1e-3
     with pytest.raises(InputError, match='blocks further apart'):
+        plant.restore(PlantState.from_dict(saved))
+
+
+@pytest.mark.parametrize('part', ['flags', 'inputs', 'memory', 'zero'])
+def test_a_state_that_another_version_saved_is_refused(device, part):
+    plant = Plant(device, 1e-4, 'voltage')
+    saved = plant.state.to_dict()
+    saved[part].pop()
+    with pytest.raises(InputError, match=f'{part} has .* another version'):
         plant.restore(PlantState.from_dict(saved))
 
 

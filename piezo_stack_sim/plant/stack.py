@@ -160,6 +160,12 @@ class Plant:
         if len(state.blocks) != self._system.k.size:
             raise InputError(f'saved plant state: {len(state.blocks)} Maxwell elements, expected '
                              f'{self._system.k.size}; use the state of the same actuator')
+        sizes = {'flags': layout.N_FLAGS, 'inputs': layout.N_INPUTS, 'memory': layout.N_MEMORY,
+                 'zero': 2}
+        for name, size in sizes.items():
+            if len(getattr(state, name)) != size:
+                raise InputError(f'saved plant state: {name} has {len(getattr(state, name))} '
+                                 f'numbers, expected {size}; another version saved it')
         if state.drive != self.drive:
             self._configure(state.drive)
         wanted = set(self._system.state_names)
@@ -182,8 +188,7 @@ class Plant:
         self._p = blocks
         self._flags = np.array(state.flags, dtype=np.int64)
         self._inputs = np.array(state.inputs)
-        self._memory = np.zeros(layout.N_MEMORY)
-        self._memory[:len(state.memory)] = state.memory
+        self._memory = np.array(state.memory)
         self._commands = np.array(state.commands)
         self._readings = np.array(state.readings)
         self._zero = np.array(state.zero)
