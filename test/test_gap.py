@@ -6,6 +6,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.back_coupling import suspect_block
 from piezo_stack_sim.gap.evidence import prepare, quieter, reweigh
+from piezo_stack_sim.gap.fit import free_parameters
 from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
@@ -347,3 +348,12 @@ def test_a_free_scale_comes_on_top_of_a_known_gain(device):
     phi = np.zeros(len(free.names))
     phi[-1] = 0.1
     assert free.apply(known, phi).effects['sensor_gain']['gain_error'] == pytest.approx(0.65)
+
+
+def test_what_is_absent_is_not_stuck_and_what_lies_at_a_bound_is():
+    losses = {each.parameter.name: each for each in free_parameters(
+        'rate_dependent_hysteresis', {'growth': 0.01, 'exponent': 0.5})}
+    assert losses['resistance'].stuck(0.0) is None
+    assert losses['resistance'].stuck(1e4) == 'upper'
+    assert losses['exponent'].stuck(0.2) == 'lower'
+    assert losses['exponent'].stuck(0.5) is None

@@ -59,9 +59,15 @@ class Free:
         return self.to_walk(self.parameter.lower), self.to_walk(self.parameter.upper)
 
     def stuck(self, value: float) -> str | None:
-        """Return the bound, 'lower' or 'upper', at which a value (SI) came to rest, if any."""
+        """
+        Return the bound, 'lower' or 'upper', at which a value (SI) came to rest, if any.
+
+        What may be absent and is, like one of several losses, is not stuck.
+        """
         low, high = self.limits
-        if value <= self.parameter.lower or self.to_walk(value) - low < STUCK * (high - low):
+        absent = self.parameter.magnitude and self.parameter.neutral == self.parameter.lower
+        if not absent and (value <= self.parameter.lower
+                           or self.to_walk(value) - low < STUCK * (high - low)):
             return 'lower'
         return 'upper' if high - self.to_walk(value) < STUCK * (high - low) else None
 
