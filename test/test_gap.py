@@ -244,6 +244,12 @@ def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(second
     assert decide(singles, pairs, 0.99, 50.0, []).word == word
 
 
+def test_of_two_effects_the_stronger_is_named_first():
+    singles = [Ranked('sensor_delay', 300.0, 0.80, 1), Ranked('friction', 50.0, 0.1, 1)]
+    pairs = [Ranked('friction+sensor_delay', 500.0, 0.99, 2, second=300.0, part=0.8)]
+    assert decide(singles, pairs, 0.99, 50.0, []).selected == ('sensor_delay', 'friction')
+
+
 def test_two_effects_that_explain_no_more_than_a_third_alone_are_not_believed():
     singles = [Ranked('amplifier_bandwidth', 900.0, 0.99, 2),
                Ranked('command_delay', 500.0, 0.9, 1)]

@@ -95,9 +95,9 @@ class Verdict:
     """
     The answer.
 
-    ``selected`` are the effects switched on, ``tie`` those that cannot be told
-    apart, ``confidence`` the probability that the verdict is right, ``single``
-    that one effect of the library is the whole cause.
+    ``selected`` are the effects switched on, the stronger first, ``tie`` those that
+    cannot be told apart, ``confidence`` the probability that the verdict is right,
+    ``single`` that one effect of the library is the whole cause.
     """
 
     word: str
@@ -139,7 +139,9 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         if (second_counts(best, pair, t, kin)
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
-            return Verdict('MULTIPLE', tuple(pair.name.split('+')), (),
+            ranks = {single.name: rank for rank, single in enumerate(singles)}
+            both = sorted(pair.name.split('+'), key=lambda name: ranks.get(name, len(ranks)))
+            return Verdict('MULTIPLE', tuple(both), (),
                            _why_two(best, pair, pairs, t), sure, 1.0 - sure)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
     if not clear and (best.gain < t.detect + 2.0 * best.parameters or explained < t.explained):
