@@ -149,8 +149,8 @@ def test_break_voltages_grow_with_a_power_of_the_current(exponent, period):
     time = period * np.arange(round(0.04 / period))
     fast = only('rate_dependent_hysteresis', growth=growth, exponent=exponent)
     answers = [simulate(target, time, current * time, drive='charge') for target in (fast, IDEAL)]
-    # Charge that comes in steps: each counts, and fades with 0.1 ms until the next.
-    steps = period / 1e-4
+    # Charge that comes in steps: each counts, and fades with 0.25 ms until the next.
+    steps = period / 2.5e-4
     late = current * steps / math.expm1(steps)
     actuator, charge = IDEAL.actuator, answers[0].charge[-1]
     slow = np.array(actuator.maxwell_break_voltage)

@@ -13,9 +13,9 @@ break voltages that grow with a power of the current: element i of Eq. 16 breaks
 
     V_i (1 + growth (|dq/dt| / 10 mA)^exponent)
 
-where the current is what has flowed of late (it fades with 0.1 ms), taken anew
-whenever the command changes.  The terminal voltage follows the command: only what lies
-behind it is late.
+where the current is what has flowed of late (it fades with 0.25 ms), taken anew
+whenever the command or the force changes.  The terminal voltage follows the
+command: only what lies behind it is late.
 
 Look-alikes: ``amplifier_bandwidth`` (u-v opens, v-q does not), damping and
 ``sensor_lag`` (q-x opens).

@@ -339,7 +339,7 @@ def assemble(model: Model) -> System:
     ints[layout.I_LIMITER] = limited and charge_is_state
     ints[layout.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
     ints[layout.I_CLAMPED] = model.clamped
-    ints[layout.I_RATED] = model.break_growth != 0.0
+    ints[layout.I_GROWING] = model.break_growth != 0.0
     # What relaxes as fast as the end swings shows for a while after a jump.
     ints[layout.I_RELAXING] = quickest > 0.1 * omega_max
     # The ideal stack needs three inputs; the neutral rest is not worked with.
@@ -355,7 +355,7 @@ def assemble(model: Model) -> System:
 
     # Two states, one port with memory, no further terms: the fast kernel can take it.
     special = [layout.I_FRICTION, layout.I_CONTACT, layout.I_LIMITER, layout.I_SMOOTH,
-               layout.I_RATED]
+               layout.I_GROWING]
     is_ideal = (n_states == 2 and not ints[special].any() and not opposing.any()
                 and set(model.force_terms) <= {'external_force'}
                 and not reading[0, base + layout.A_RC:].any())

@@ -20,11 +20,11 @@ from piezo_stack_sim.plant.calm import calm_time
 from piezo_stack_sim.plant.compiled import dot, jit
 from piezo_stack_sim.plant.events import first_event
 from piezo_stack_sim.plant.layout import (
-    CHARGE_TOLERANCE, F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_INPUTS,
-    I_LIMITER, I_RATED, I_RELAXING, I_SMOOTH, M_BEGAN, M_CHARGE, M_GROWTH, M_JUMP, M_SINCE,
+    CHARGE_TOLERANCE, F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_GROWING,
+    I_INPUTS, I_LIMITER, I_RELAXING, I_SMOOTH, M_BEGAN, M_CHARGE, M_GROWTH, M_JUMP, M_SINCE,
     MAX_EVENTS, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED, R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U,
-    W_OUT, W_Q, W_Q1, W_Q2, W_WANT, WORK_BEND, WORK_END,
-    WORK_HELD, WORK_NOW, WORK_THEN, WORK_Z, WORK_Z1)
+    W_OUT, W_Q, W_Q1, W_Q2, W_WANT, WORK_BEND, WORK_END, WORK_HELD, WORK_NOW, WORK_THEN, WORK_Z,
+    WORK_Z1)
 from piezo_stack_sim.plant.modes import build_mode, mode_index
 from piezo_stack_sim.plant.ports import (
     grow, grown, offsets, settle, smooth_force, smooth_voltage, switch)
@@ -111,10 +111,10 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     relaxing = ip[I_RELAXING] != 0
     limited = ip[I_LIMITER] != 0
     displaced = ip[I_FRICTION] != 0 or ip[I_CONTACT] != 0
-    rated = ip[I_RATED] != 0
+    growing = ip[I_GROWING] != 0
     r_slow = r
     v_slow = v_break
-    if rated:
+    if growing:
         grown(x_block[M_GROWTH], r_slow, v_slow, limits)
         r = limits[0]
         v_break = limits[1]
@@ -137,7 +137,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         trust = levels[d]  # the longest sub-step, in levels
         begun = False
         if inputs[U] != seg_u[segment] or inputs[FORCE] != seg_force[segment]:
-            if rated and left > 0:
+            if growing and left > 0:
                 grow(flags, p, r_slow, v_slow, limits, real, x_block)
             before = x_block[M_CHARGE]
             inputs[U] = seg_u[segment]
@@ -145,7 +145,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block)
             offsets(inputs, flags, p, k, v_break, real, ip, x_block)
             x_block[1] = x_block[2]
-            if rated and left > 0:
+            if growing and left > 0:
                 x_block[M_JUMP] = abs(x_block[M_CHARGE] - before)
                 x_block[M_BEGAN] = x_block[M_CHARGE]
                 x_block[M_SINCE] = 0.0

@@ -48,7 +48,7 @@ N_REAL = 23
 
 # Integer parameters.
 (I_DRIVE, I_QSTATE, I_FRICTION, I_CONTACT, I_LIMITER, I_SMOOTH, I_CLAMPED, I_SOURCE,
- I_INPUTS, I_RELAXING, I_RATED) = range(11)
+ I_INPUTS, I_RELAXING, I_GROWING) = range(11)
 N_INT = 11
 
 # Drives.
@@ -64,7 +64,7 @@ DISPLACEMENT_TOLERANCE = 1e-15  # m
 REST = 1e-12  # C; less than this to come (0.1 pm) is rest
 GROWTH_STEP = 1e-7  # growth of break voltages below which they are left as they are
 GROWTH_CURRENT = 1e-2  # A at which the growth is stated
-GROWTH_MEMORY = 1e-4  # s, of the current that it follows
+GROWTH_MEMORY = 2.5e-4  # s, of the current that it follows: a sample at 4 kHz
 MAX_EVENTS = 100000  # in one segment; a guard, never met by a finite input
 
 # Space to work in: rows as wide as an extended state or what is watched, the last four

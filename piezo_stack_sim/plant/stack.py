@@ -179,7 +179,7 @@ class Plant:
                              'fit this device; use the same delays and sample period')
         blocks = np.array(state.blocks)
         apart = np.diff(self._system.r) * (1 + 1e-6) + 1e-12
-        if not self._system.ints[layout.I_RATED] and np.any(np.abs(np.diff(blocks)) > apart):
+        if not self._system.ints[layout.I_GROWING] and np.any(np.abs(np.diff(blocks)) > apart):
             raise InputError('saved plant state: blocks further apart than any history of '
                              'charge can leave them (break charges bound the differences)')
         self.time = float(state.time)
