@@ -24,7 +24,8 @@ RECORDINGS = dict(zip(programmes.NAMES, programmes.programmes(PLAN)))
 #: Effect: recordings that show it, hidden parameters, where the fit of the library's starts.
 CASES = {
     'command_delay': ('multisine', {'delay': 9e-5, 'share': 0.4, 'phase': 0.3}, {'delay': 8e-5}),
-    'amplifier_current_limit': ('decay multisine', {'limit': 0.03}, {'limit': 0.03}),
+    'amplifier_current_limit': ('decay multisine', {'limit': 0.03, 'sinks': 0.8},
+                                {'limit': 0.03, 'output_resistance': 2.0}),
     'amplifier_saturation': ('triangle', {'rail': 80.0, 'knee': 1.0}, {'upper': 80.0}),
     'amplifier_gain': ('triangle', {'gain_error': 0.02, 'offset': 0.1, 'curvature': 0.15},
                        {'gain_error': 0.02, 'offset': 0.1}),

@@ -46,11 +46,13 @@ def test_a_limited_current_makes_a_90_volt_step_a_ramp(limit, milliseconds):
         assert np.diff(charge[20:300]) == pytest.approx(limit * 1e-6, rel=1e-6)
 
 
-def test_a_small_step_passes_the_current_limit_unchanged():
+@pytest.mark.parametrize('resistance', [1.0, 5.0])
+def test_a_small_step_passes_the_current_limit_as_its_resistance_lets_it(resistance):
     time = np.arange(500) * 2e-6
     small = np.full(500, 0.02)  # 0.02 V over 1 ohm is 20 mA
-    limited = simulate(device('amplifier_current_limit'), time, small)
-    plain = simulate(only('amplifier_bandwidth', output_resistance=1.0), time, small)
+    limited = simulate(device('amplifier_current_limit', output_resistance=resistance),
+                       time, small)
+    plain = simulate(only('amplifier_bandwidth', output_resistance=resistance), time, small)
     assert np.abs(limited.displacement - plain.displacement).max() < 1e-15
 
 
@@ -484,9 +486,10 @@ def test_how_a_lag_grows_from_100_to_1000_hertz(name, growth, gain, table):
 
 def test_a_current_limit_depends_on_amplitude_and_a_resistance_does_not():
     added = {}
-    for name in ('amplifier_current_limit', 'amplifier_bandwidth'):
+    for name, given in (('amplifier_current_limit', {'output_resistance': 1.0}),
+                        ('amplifier_bandwidth', {})):
         for high in (25.0, 60.0):
-            lag = lags(device(name), 1000.0, high=high)[0][1]
+            lag = lags(device(name, **given), 1000.0, high=high)[0][1]
             added[name, high] = lag - lags(IDEAL, 1000.0, high=high)[0][1]
     assert added['amplifier_current_limit', 25.0] < 0.1
     assert added['amplifier_current_limit', 60.0] > 2.0

@@ -39,10 +39,10 @@ def amplifier_bandwidth(unit, time_constant, inner, quiescent):
                               'quiescent_current': quiescent})
 
 
-@register(KNOWN, 'drive', 'output impedance that diverges softly towards the limit (atanh)',
-          ALL, limit=log(6e-3, 0.15))
-def amplifier_current_limit(unit, limit):
-    return unit.change(stack={'current_limit': limit,
+@register(KNOWN, 'drive', 'output impedance that diverges softly towards the limit (atanh), '
+          'sinks less than it sources', ALL, limit=log(6e-3, 0.15), sinks=uniform(0.6, 0.95))
+def amplifier_current_limit(unit, limit, sinks):
+    return unit.change(stack={'current_limit': limit, 'sink_share': sinks,
                               'output_resistance': max(2.0, unit.stack.output_resistance)})
 
 

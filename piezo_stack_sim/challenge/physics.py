@@ -59,14 +59,15 @@ def output_drop(p, dq, h):
     """
     Return the voltage lost in the amplifier's output for a charge step, and its slope.
 
-    It diverges at the current limit, and grows only with the logarithm of the current beyond the
-    quiescent one.
+    It diverges at the current limit, which is another for charging than for discharging, and grows
+    only with the logarithm of the current beyond the quiescent one.
 
     """
     current = dq / h
     if p.current_limit < np.inf:
-        load = current / p.current_limit
-        return (p.output_resistance * p.current_limit * np.arctanh(load),
+        limit = p.current_limit if current > 0.0 else p.current_limit * p.sink_share
+        load = current / limit
+        return (p.output_resistance * limit * np.arctanh(load),
                 p.output_resistance / h / (1.0 - load * load))
     if p.quiescent_current < np.inf:
         load = current / p.quiescent_current
@@ -81,7 +82,7 @@ def charge_step(p, z, q, slow, x, h, heat, rate_scale, source):
     low, high = -1e-2, 1e-2
     if h > 0.0 and p.current_limit < np.inf:
         high = h * p.current_limit * (1.0 - 1e-12)
-        low = -high
+        low = -high * p.sink_share
     dq = 0.0
     for _ in range(100):
         voltage, slope = mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale)

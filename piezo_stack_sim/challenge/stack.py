@@ -36,6 +36,7 @@ class Stack(NamedTuple):
     output_resistance: float = 0.0  # Ohm
     quiescent_current: float = np.inf  # A
     current_limit: float = np.inf  # A
+    sink_share: float = 1.0  # of the current limit, when discharging
     ringing_frequency: float = 0.0  # Hz, 0 is none
     ringing_damping: float = 0.1
 

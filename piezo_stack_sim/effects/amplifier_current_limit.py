@@ -6,8 +6,8 @@ A driver that can deliver only so much current.
     |dq/dt| <= limit
 
 Steps become ramps, and sines of more than limit/(pi C V_pp) triangles.  Small
-signals pass unchanged.  A limiter has at least 1 ohm behind it, which is
-faster than any recording.
+signals pass as the output resistance lets them: a limiter has at least 1 ohm behind it,
+which is faster than any recording, and drivers have up to 5 ohm.
 
 Look-alikes: ``amplifier_bandwidth`` (late at every amplitude): compare a small
 step with a large one.
@@ -19,10 +19,11 @@ import math
 from piezo_stack_sim.effects.base import Effect, Parameter
 
 
-def apply(model, limit):
-    """Limit the current of the driver."""
+def apply(model, limit, output_resistance):
+    """Limit the current of the driver, which has some resistance of its own."""
     if model.drive == 'voltage':
         model.current_limit = min(model.current_limit, limit)
+        model.output_resistance = max(model.output_resistance, output_resistance)
 
 
 EFFECT = Effect(
@@ -31,5 +32,7 @@ EFFECT = Effect(
     (
         Parameter('limit', 'A', math.inf, 1e-3, 100.0, 0.1, 'largest current, both ways',
                   scale='log'),
+        Parameter('output_resistance', 'ohm', 1.0, 1.0, 1e3, 2.0,
+                  'resistance between driver and stack', magnitude=False),
     ),
     apply, channels=('voltage', 'charge', 'displacement'))

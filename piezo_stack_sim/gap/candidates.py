@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ WORTH = 15.0  # fall of the cost below which nothing can come of it
 FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
 RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
 POLISHING = 8
+IDLE = 0.01  # part of what an effect explains that its strength must, not what shapes it
 SETTLED = 1.2  # mean square of a residual below which there is nothing more to fit
 
 
@@ -116,6 +118,24 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     return search
 
 
+def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
+    """
+    Tell whether an effect does as well without its strength: another effect is in its place.
+
+    The resistance of a driver whose current never comes to its limit is one.
+    """
+    effect = EFFECTS[name]
+    if all(math.isfinite(p.neutral) for p in effect.parameters if p.magnitude):
+        return False  # nothing is left of it without
+    weak = {p.name: min(max(p.neutral, p.lower), p.upper)
+            for p in effect.parameters if p.magnitude}
+    residual = fitter.residual_of({**fit.effects, name: {**fit.effects[name], **weak}}, fit.phi)
+    others = {other: values for other, values in fit.effects.items() if other != name}
+    without = fitter.cost(fitter.residual_of(others, fit.phi), fit.phi)
+    fall = fitter.cost(residual, fit.phi) - fit.cost
+    return fall < max(WORTH, IDLE * (without - fit.cost))
+
+
 def _race(fitter: Fitter, search: Search, runners, steps: int) -> None:
     """Fit effects from given places; keep what is better than before."""
     def whole(runner):
@@ -125,6 +145,13 @@ def _race(fitter: Fitter, search: Search, runners, steps: int) -> None:
     for name, fit in parallel(whole, runners):
         if fit.cost < search.fits[name].cost:
             search.fits[name] = fit
+
+
+def drop_idle(fitter: Fitter, search: Search) -> None:
+    """Forget the fits in which an effect stands for another (:func:`is_idle`)."""
+    for name, fit in search.fits.items():
+        if search.nominal.cost - fit.cost > WORTH and is_idle(fitter, fit, name):
+            search.fits[name] = _untouched(name, search.nominal)
 
 
 def _untouched(name: str, nominal: Fit) -> Fit:
@@ -149,6 +176,7 @@ def polish(fitter: Fitter, search: Search, best: list[str]) -> None:
     for name, fit in parallel(whole, worth):
         if fit.cost <= search.fits[name].cost:
             search.fits[name] = fit
+    drop_idle(fitter, search)
 
 
 def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:
