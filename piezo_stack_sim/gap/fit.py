@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from copy import copy
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 import math
 
 import numpy as np
@@ -21,7 +22,7 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.arbitrary import is_arbitrary
 from piezo_stack_sim.gap.descent import descend, Landscape, NUDGE, Slope, sum_of_squares
 from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.gap.forward import fitted_rows, residuals
+from piezo_stack_sim.gap.forward import fitted_rows, residuals, spans
 from piezo_stack_sim.gap.lens import Lens, plain
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.tone import find_frequency, Line, Tone
@@ -30,6 +31,7 @@ from piezo_stack_sim.plant import Device
 STEPS = 6
 TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
 STUCK = 1e-3  # part of its range from its bound at which a number of an effect counts as stuck
+REMEMBERED = 64e6  # bytes of residuals that are kept: fits set out from where others ended
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
 
 
@@ -65,7 +67,7 @@ class Free:
         What may be absent and is, like one of several losses, is not stuck.
         """
         low, high = self.limits
-        absent = self.parameter.magnitude and self.parameter.neutral == self.parameter.lower
+        absent = self.parameter.neutral == self.parameter.lower
         if not absent and (value <= self.parameter.lower
                            or self.to_walk(value) - low < STUCK * (high - low)):
             return 'lower'
@@ -125,11 +127,12 @@ class Fitter:
         self.rows = np.flatnonzero(fitted_rows(evidence))
         self.lens = plain(self.rows)
         self.base = residuals(device, evidence)
+        self._simulated = lru_cache(max(int(REMEMBERED / self.base.nbytes), 4))(
+            partial(_simulate, device, self.nuisance, evidence))
 
     def device_with(self, effects: dict, phi: np.ndarray) -> Device:
         """Return the nominal device, re-tuned and with effects on."""
-        device = self.nuisance.apply(self.device, phi)
-        return device.with_effects(effects) if effects else device
+        return _tuned(self.device, self.nuisance, effects, phi)
 
     def devices_of(self, fit: Fit) -> list[Device]:
         """Return the fitted device for each recording: what is new each time differs."""
@@ -340,9 +343,23 @@ class Fitter:
     def _residual(self, effects, free, walk, phi, tone: Tone | None = None) -> np.ndarray:
         values = self._values(effects, free, walk)
         values.pop(TONE, None)  # matched to what the others leave, in each recording anew
-        try:
-            residual = residuals(self.device_with(values, phi), self.evidence)
-            return residual if tone is None else tone.match(residual)[1]
-        except InputError:
-            # Numbers that no device can have: infinitely bad, but not the end of the search.
-            return np.full(self.base.size, 1e6)
+        residual = self._simulated(
+            tuple((name, tuple(given.items())) for name, given in values.items()), tuple(phi))
+        return residual if tone is None else tone.match(residual)[1]
+
+
+def _tuned(device: Device, nuisance: Nuisance, effects: dict, phi: np.ndarray) -> Device:
+    device = nuisance.apply(device, phi)
+    return device.with_effects(effects) if effects else device
+
+
+def _simulate(device: Device, nuisance: Nuisance, evidence: Evidence, effects: tuple, phi: tuple
+              ) -> np.ndarray:
+    effects = {name: dict(given) for name, given in effects}
+    try:
+        residual = residuals(_tuned(device, nuisance, effects, np.array(phi)), evidence)
+    except InputError:
+        # Numbers that no device can have: infinitely bad, but not the end of the search.
+        residual = np.full(spans(evidence)[-1].stop, 1e6)
+    residual.flags.writeable = False
+    return residual

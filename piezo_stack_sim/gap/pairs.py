@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import Merit, Probe, probe_tone, Search
+from piezo_stack_sim.gap.candidates import is_idle, Merit, Probe, probe_tone, Search
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
@@ -27,9 +27,11 @@ from piezo_stack_sim.gap.quantities import words
 
 PARTNERS = 5  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows
+EXCHANGED, PLAIN_EXCHANGED = 2, 1  # the same beside the second effect of the best pair
 SLACK = 0.1  # part by which the promises of places of an effect may differ and count as alike
 FIRST_STEPS = 2  # Gauss-Newton steps of all of them
 LEADING = 2  # pairs that are fitted to the end, by what they lose and by merit
+RIVAL = 0.35  # part of what the best of them gains that the others must
 PLAIN_STEPS = 4  # of these, to all rows alike
 ALONE_STEPS = 2  # and of each of two without the other
 WEIGHED_STEPS = 3  # of a fit in cells, before they are weighed anew
@@ -56,9 +58,10 @@ def search_partners(fitter: Fitter, search: Search, base: str,
         fit = other if _better(cells, other, fit) else fit
     search.bases[base] = fit
     weighed = fitter.through(whitened(cells, fit.residual))
+    partners, plain = (PARTNERS, PLAIN_PARTNERS) if pair is None else (EXCHANGED, PLAIN_EXCHANGED)
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
-    chosen = _promises(weighed, search, base, fit)[:PARTNERS]
-    chosen += [place for place in _promises(fitter, search, base, fit)[:PLAIN_PARTNERS]
+    chosen = _promises(weighed, search, base, fit)[:partners]
+    chosen += [place for place in _promises(fitter, search, base, fit)[:plain]
                if place[0] not in dict(chosen)]
 
     def whole(place):
@@ -72,15 +75,23 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     def settled(name):
         return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
 
-    fitted = dict(parallel(whole, chosen))
+    fitted = {name: fit for name, fit in parallel(whole, chosen)
+              if not any(is_idle(weighed, fit, other) for other in fit.effects if other != base)}
     merits = dict(zip(fitted, parallel(acting, fitted.values())))
-    best = sorted(fitted, key=lambda name: fitted[name].cost)[:LEADING]
-    best += [name for name in sorted(fitted, key=lambda name: -merits[name].product)[:LEADING]
+    without = weighed.cost(fit.residual, fit.phi)
+    best = _leading({name: without - pair.cost for name, pair in fitted.items()}, LEADING)
+    best += [name for name in _leading({name: merits[name].product for name in fitted}, LEADING)
              if name not in best]
     for name, pair in parallel(settled, best):
         if _better(cells, pair, search.fits.get(name)):
             search.fits[name] = pair
             search.merits[name] = acting(pair)
+
+
+def _leading(gains: dict[str, float], most: int) -> list[str]:
+    """Return the names that gain most: the best, and those that come near it."""
+    names = sorted(gains, key=lambda name: -gains[name])[:most]
+    return [name for name in names if gains[name] >= RIVAL * gains[names[0]] > 0.0]
 
 
 def _better(cells: Cells, fit: Fit, known: Fit | None) -> bool:
@@ -145,8 +156,10 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
         return base, _alone(fitter, cells, base, search.fits[pair])
 
     pairs = _hopeful(search)
-    best = sorted(pairs, key=lambda name: cells.nats(search.fits[name].residual))[:LEADING]
-    best += [name for name in sorted(pairs, key=lambda name: -search.merits[name].product)[:1]
+    lost = min(cells.nats(fit.residual) for fit in search.bases.values())
+    best = _leading({name: lost - cells.nats(search.fits[name].residual) for name in pairs},
+                    LEADING)
+    best += [name for name in _leading({name: search.merits[name].product for name in pairs}, 1)
              if name not in best]
     for name, pair in parallel(whole, best):
         if _better(cells, pair, search.fits[name]):
