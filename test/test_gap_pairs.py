@@ -4,10 +4,8 @@
 
 import numpy as np
 from piezo_stack_sim.gap import diagnose_set
-from piezo_stack_sim.gap.candidates import is_idle
 from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set
+from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.lens import Cells, whitened
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -93,18 +91,3 @@ def test_what_the_form_of_a_lone_cause_misses_is_no_second_cause(device):
     answer = diagnose_set(a_set(device), device, traces=False).document
     assert answer['verdict'] == 'CAUSE'
     assert answer['selected'] == ['sensor_delay']
-
-
-@pytest.mark.parametrize('effects, idle', [
-    ({'amplifier_bandwidth': {'output_resistance': 20.0}}, True),
-    ({'amplifier_current_limit': {'limit': 0.05, 'output_resistance': 2.0}}, False)])
-def test_a_limit_that_the_current_never_meets_is_no_cause(device, effects, idle):
-    # The resistance of a limiter explains that of a driver, and its limit nothing.
-    recordings = a_set(device.with_effects(effects), spoil=lambda values, period: values)
-    evidence = prepare(recordings.recordings, simulate_set(device, recordings.recordings))
-    fitter = Fitter(device, evidence)
-    fitter.prepare(parallel)
-    fit = min((fitter.fit({'amplifier_current_limit': {'limit': limit}}, steps=12)
-               for limit in (0.05, 0.2)), key=lambda fit: fit.cost)
-    assert fit.cost < 1.2 * fitter.rows.size  # it explains everything either way
-    assert is_idle(fitter, fit, 'amplifier_current_limit') == idle

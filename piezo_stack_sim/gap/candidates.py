@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.descent import WIDE
 from piezo_stack_sim.gap.evidence import quieter, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
 from piezo_stack_sim.gap.forward import parallel, simulate_channels
@@ -30,6 +31,7 @@ WORTH = 15.0  # fall of the cost below which nothing can come of it
 FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
 RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
 POLISHING = 8
+TUNING = 6  # Gauss-Newton steps of the nominal parameters alone
 IDLE = 0.01  # part of what an effect explains that its strength must, not what shapes it
 SETTLED = 1.2  # mean square of a residual below which there is nothing more to fit
 
@@ -87,7 +89,7 @@ class Search:
 
 def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None]) -> Search:
     """Fit the nominal device alone, then with every effect by itself."""
-    search = Search(fitter.fit({}, steps=4))
+    search = Search(tune(fitter))
     nominal = search.nominal
     jobs = [(name, place) for name, effect in EFFECTS.items()
             for place in ([Place({}, {})] if name == TONE else starts_of(effect, extent))]
@@ -136,6 +138,30 @@ def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
     return fall < max(WORTH, IDLE * (without - fit.cost))
 
 
+def tune(fitter: Fitter) -> Fit:
+    """Fit the nominal parameters alone, past side valleys that single break voltages make."""
+    fit = fitter.fit({}, steps=4)
+    if np.mean(fit.residual[fitter.rows] ** 2) > SETTLED:
+        wide = fitter.fit({}, steps=TUNING, anew=True, nudge=WIDE)
+        wide = fitter.fit({}, wide.phi, TUNING, anew=True, nudge=WIDE)
+        wide = fitter.fit({}, wide.phi, TUNING, anew=True)
+        fit = min(fit, wide, key=lambda fit: fit.cost)
+    return fit
+
+
+def _tune_as_best(fitter: Fitter, search: Search) -> None:
+    """Ask whether what the best found for the nominal parameters does without the effect."""
+    best = min(search.fits.values(), key=lambda fit: fit.cost)
+    if search.nominal.cost - best.cost < WORTH:
+        return
+    alone = fitter.fit({}, best.phi, TUNING, anew=True)
+    if alone.cost < search.nominal.cost:
+        search.nominal = alone
+        for name, fit in search.fits.items():
+            if fit.cost > alone.cost:
+                search.fits[name] = _untouched(name, alone)
+
+
 def _race(fitter: Fitter, search: Search, runners, steps: int) -> None:
     """Fit effects from given places; keep what is better than before."""
     def whole(runner):
@@ -177,6 +203,7 @@ def polish(fitter: Fitter, search: Search, best: list[str]) -> None:
         if fit.cost <= search.fits[name].cost:
             search.fits[name] = fit
     drop_idle(fitter, search)
+    _tune_as_best(fitter, search)
 
 
 def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:

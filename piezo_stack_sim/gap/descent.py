@@ -20,6 +20,7 @@ from piezo_stack_sim.gap.lens import Lens
 from scipy.optimize import lsq_linear
 
 NUDGE = 2e-3  # relative change of a nominal parameter from which its derivative is taken
+WIDE = 1e-2  # and one that looks past the kinks of single break voltages
 PACE = 0.02  # change of the walk from which its derivative is taken
 ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
 TRIALS = 3  # step lengths that are tried before a derivative counts as stale
@@ -56,6 +57,8 @@ class Landscape:
         Bounds of the size of phi.
     prior : ndarray, shape (p,)
         Standard deviations of phi around zero.
+    nudge : float
+        Change of phi from which the derivative with respect to it is taken.
 
     """
 
@@ -65,6 +68,7 @@ class Landscape:
     upper: np.ndarray
     room: np.ndarray
     prior: np.ndarray
+    nudge: float = NUDGE
 
     def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
         """Return the sum of squares over what counts plus that of the prior."""
@@ -73,8 +77,8 @@ class Landscape:
     def nominal_slope(self, walk, phi, residual) -> Slope:
         """Return the derivative with respect to phi at a place."""
         return Slope.of(np.column_stack([
-            (self.residual(walk, phi + step) - residual) / NUDGE
-            for step in NUDGE * np.eye(phi.size)]), self.lens)
+            (self.residual(walk, phi + step) - residual) / self.nudge
+            for step in self.nudge * np.eye(phi.size)]), self.lens)
 
     def slope(self, walk, phi, residual, known=()) -> np.ndarray:
         """Return the derivative (N, n) with respect to the walk at a place, where not known."""

@@ -280,7 +280,7 @@ class Fitter:
 
     def fit(self, effects: dict[str, dict[str, float]], phi: np.ndarray | None = None,
             steps: int = STEPS, anew: bool = False, held: bool = False,
-            beside: Fit | None = None, kept: Collection[str] = ()) -> Fit:
+            beside: Fit | None = None, kept: Collection[str] = (), nudge: float = NUDGE) -> Fit:
         """
         Fit effects, starting from the values given, and the nominal parameters.
 
@@ -301,6 +301,9 @@ class Fitter:
             A fit of some of the effects, whose derivatives are borrowed at first.
         kept : collection of str
             Effects whose numbers stay as given.
+        nudge : float
+            Relative change of the nominal parameters from which their derivative is
+            taken, if anew.
 
         Returns
         -------
@@ -320,7 +323,7 @@ class Fitter:
         room = np.zeros(phi.size) if held else self.nuisance.bound
         landscape = Landscape(
             lambda walk, phi: self._residual(effects, free, walk, phi, tone), self.lens,
-            lower, upper, room, self.nuisance.prior)
+            lower, upper, room, self.nuisance.prior, nudge)
         known = [] if beside is None else [beside.derivative(f) for f in free]
         end = descend(landscape, np.clip(walk, lower, upper), phi,
                       None if anew else self.nominal, steps, known)

@@ -1,0 +1,57 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Hypotheses that could pass for what they are not: a badly tuned device, an idle effect."""
+
+import numpy as np
+from piezo_stack_sim.gap.candidates import is_idle, tune
+from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.forward import parallel, simulate_set
+from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording import programmes
+import pytest
+
+NOISE = {'charge': 2e-9, 'displacement': 1e-9}
+
+
+@pytest.fixture(scope='module')
+def device():
+    return Device.nominal()
+
+
+def fitter_of(device, unit, recorded, random):
+    """Return what fits recordings of a unit with white noise, the device as its file."""
+    recordings = []
+    for programme in recorded:
+        answer = simulate(unit, programme.time, programme.command, programme.external_force)
+        recordings.append(programme.replace(measured={
+            name: getattr(answer, name) + noise * random.standard_normal(len(programme))
+            for name, noise in NOISE.items()}))
+    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
+    fitter.prepare(parallel)
+    return fitter
+
+
+@pytest.mark.parametrize('seed', [27, 30])
+def test_a_unit_within_its_uncertainty_is_tuned_to_the_noise(device, seed):
+    # Break voltages make side valleys: from these two units plain steps do not come out of one.
+    random, nuisance = np.random.default_rng(seed), Nuisance(device)
+    unit = nuisance.apply(device, nuisance.bound * random.uniform(-1, 1, nuisance.bound.size))
+    fitter = fitter_of(device, unit, (
+        programmes.triangle(), programmes.steps(), programmes.decay()), random)
+    assert tune(fitter).cost < 1.05 * fitter.rows.size
+
+
+@pytest.mark.parametrize('effects, idle', [
+    ({'amplifier_bandwidth': {'output_resistance': 20.0}}, True),
+    ({'amplifier_current_limit': {'limit': 0.05, 'output_resistance': 2.0}}, False)])
+def test_a_limit_that_the_current_never_meets_is_no_cause(device, effects, idle):
+    # The resistance of a limiter explains that of a driver, and its limit nothing.
+    fitter = fitter_of(device, device.with_effects(effects), (
+        programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine()),
+        np.random.default_rng(7))
+    fit = min((fitter.fit({'amplifier_current_limit': {'limit': limit}}, steps=12)
+               for limit in (0.05, 0.2)), key=lambda fit: fit.cost)
+    assert fit.cost < 1.05 * fitter.rows.size  # it explains everything either way
+    assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
