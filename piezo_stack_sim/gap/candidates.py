@@ -96,7 +96,7 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
 
     def probe(job):
         name, place = job
-        return _probe(fitter, name, place, {}, nominal)
+        return _probe(fitter, name, place, nominal)
 
     progress('looking at every effect')
     for probe_ in parallel(probe, jobs):
@@ -238,26 +238,29 @@ def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:
          for name, probes in search.probes.items()})
 
 
-def _probe(fitter: Fitter, name: str, place: Place, others: dict, fit: Fit) -> Probe:
+def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit) -> Probe:
     if name == TONE:
-        return probe_tone(fitter, others, fit)
-    moved = [fitter.residual_of({**others, name: values}, fit.phi) for values in place.looks]
-    directions = np.column_stack([m - fit.residual for m in moved])
+        return probe_tone(fitter, {}, nominal)
+    # The nominal parameters may have stood in for what is not merely scaled: it is looked at
+    # where the file has them, and they may answer.
+    filed = np.zeros_like(nominal.phi)
+    phi, before = (nominal.phi, nominal.residual) if place.strengths else (filed, fitter.base)
+    moved = [fitter.residual_of({name: values}, phi) for values in place.looks]
+    directions = np.column_stack([m - before for m in moved])
     if not np.isfinite(directions).all() or np.abs(directions).max() > 1e9:
         return Probe(name, place.looks[0], None)
-    gain, factors = fitter.linear_gain(directions, fit)
-    falls = [fitter.cost(fit.residual, fit.phi) - fitter.cost(m, fit.phi) for m in moved]
+    now = fitter.cost(nominal.residual, nominal.phi)
+    gain, factors = fitter.linear_gain(directions, nominal)
+    directions = directions.astype(np.float32)
+    if not place.strengths:
+        cost, phi = fitter.retuned(moved[0], filed)
+        return Probe(name, place.shape, directions, max(gain, now - cost), now - cost, place, phi)
+    falls = [now - fitter.cost(m, nominal.phi) for m in moved]
     best = int(np.argmax(falls))
     promise = max(gain, falls[best])
-    if not place.strengths:
-        # Nothing to scale, but the nominal parameters may answer: they had stood in for it.
-        cost, phi = fitter.retuned(moved[0], fit.phi)
-        fall = fitter.cost(fit.residual, fit.phi) - cost
-        return Probe(name, place.shape, directions.astype(np.float32), max(promise, fall), fall,
-                     place, phi)
     # Where it fits as it stands, a line from no effect at all tells nothing better.
     there = place.at(EFFECTS[name], factors) if gain > falls[best] else place.looks[best]
-    return Probe(name, there, directions.astype(np.float32), promise, promise, place)
+    return Probe(name, there, directions, promise, promise, place)
 
 
 def probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:
