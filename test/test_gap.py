@@ -5,6 +5,7 @@
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.back_coupling import suspect_block
+from piezo_stack_sim.gap.bursts import suspect_knocks
 from piezo_stack_sim.gap.evidence import prepare, quieter, reweigh
 from piezo_stack_sim.gap.fit import free_parameters
 from piezo_stack_sim.gap.forward import residuals, simulate_set
@@ -234,35 +235,43 @@ def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, w
     assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
 
 
-@pytest.mark.parametrize('second, part, word', [
-    (300.0, 0.8, 'MULTIPLE'),  # most of what the first leaves there
-    (300.0, 0.2, 'CAUSE'),  # a little of much: what the form of the first misses
-    (10.0, 0.9, 'CAUSE')])  # most of nothing
-def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(second, part, word):
-    singles = [Ranked('leakage', 300.0, 0.80, 1), Ranked('friction', 50.0, 0.1, 1)]
-    pairs = [Ranked('leakage+friction', 500.0, 0.99, 2, second=second, part=part)]
+@pytest.mark.parametrize('second, part, left, word', [
+    (300.0, 0.8, 0.02, 'MULTIPLE'),
+    (10.0, 0.8, 0.02, 'CAUSE'),  # too little to tell
+    (300.0, 0.1, 0.02, 'CAUSE'),  # most of what it acts on stays
+    (300.0, 0.8, 0.15, 'CAUSE')])  # in some cells it helps, all in all it does not
+def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(
+        second, part, left, word):
+    singles = [Ranked('leakage', 300.0, 0.80, 1, 0.2), Ranked('friction', 50.0, 0.1, 1, 0.9)]
+    pairs = [Ranked('leakage+friction', 500.0, 0.99, 2, left, second=second, part=part)]
     assert decide(singles, pairs, 0.99, 50.0, []).word == word
 
 
 def test_of_two_effects_the_stronger_is_named_first():
-    singles = [Ranked('sensor_delay', 300.0, 0.80, 1), Ranked('friction', 50.0, 0.1, 1)]
-    pairs = [Ranked('friction+sensor_delay', 500.0, 0.99, 2, second=300.0, part=0.8)]
+    singles = [Ranked('sensor_delay', 300.0, 0.80, 1, 0.2), Ranked('friction', 50.0, 0.1, 1, 0.9)]
+    pairs = [Ranked('friction+sensor_delay', 500.0, 0.99, 2, 0.01, second=300.0, part=0.8)]
     assert decide(singles, pairs, 0.99, 50.0, []).selected == ('sensor_delay', 'friction')
 
 
 def test_two_effects_that_explain_no_more_than_a_third_alone_are_not_believed():
-    singles = [Ranked('amplifier_bandwidth', 900.0, 0.99, 2),
-               Ranked('command_delay', 500.0, 0.9, 1)]
-    pair = Ranked('command_delay+friction', 800.0, 0.97, 3, second=300.0, part=0.8, over=-50.0)
+    singles = [Ranked('amplifier_bandwidth', 900.0, 0.99, 2, 0.03),
+               Ranked('command_delay', 500.0, 0.9, 1, 0.2)]
+    pair = Ranked('command_delay+friction', 800.0, 0.97, 3, 0.01, second=300.0, part=0.8,
+                  over=-50.0)
     assert decide(singles, [pair], 0.99, 50.0, []).selected == ('amplifier_bandwidth',)
 
 
 def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_cause():
-    singles = [Ranked('thermal_drift', 900.0, 0.98, 2), Ranked('sensor_drift', 500.0, 0.7, 1)]
-    pairs = [Ranked('thermal_drift+sensor_drift', 950.0, 0.995, 3, second=200.0, part=0.5)]
+    singles = [Ranked('thermal_drift', 900.0, 0.98, 2, 0.1),
+               Ranked('sensor_drift', 500.0, 0.7, 1, 0.4)]
+    relative = Ranked('thermal_drift+sensor_drift', 950.0, 0.995, 3, 0.01, second=200.0, part=0.5)
     kin = {frozenset(('thermal_drift', 'sensor_drift'))}
-    assert decide(singles, pairs, 0.99, 50.0, [], kin=kin).selected == ('thermal_drift',)
-    assert decide(singles, pairs, 0.99, 50.0, []).word == 'MULTIPLE'
+    assert decide(singles, [relative], 0.99, 50.0, [], kin=kin).selected == ('thermal_drift',)
+    assert decide(singles, [relative], 0.99, 50.0, []).word == 'MULTIPLE'
+    # Nor is another that explains less of the same; one that explains more is.
+    for second, word in ((150.0, 'CAUSE'), (250.0, 'MULTIPLE')):
+        other = Ranked('mount_creep+thermal_drift', 940.0, 0.99, 3, 0.02, second=second, part=0.5)
+        assert decide(singles, [relative, other], 0.99, 50.0, [], kin=kin).word == word
 
 
 def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):
@@ -337,6 +346,41 @@ def test_charge_tells_whether_the_stack_felt_what_displaced_it(device, effects, 
     simulated = simulate_set(device, recordings)
     cuts = block_residuals(device, prepare(recordings, simulated), simulated)
     suspect = suspect_block(cuts)
+    assert (suspect and suspect.block) == block
+
+
+def knocks(time, x):
+    """Return a displacement with the ringing of three knocks."""
+    for start in time[-1] * np.array([0.1, 0.4, 0.75]):
+        after = np.maximum(time - start, 0.0)
+        x = x + 5e-8 * np.exp(-after / 0.01) * np.sin(2.0 * np.pi * 200.0 * after)
+    return x
+
+
+def jumps(time, x):
+    """Return a displacement that is read at two levels."""
+    return x + 5e-8 * (np.sin(2.0 * np.pi * 7.0 * time ** 1.3) > 0.0)
+
+
+def sticks(time, x):
+    """Return a displacement whose reading sticks for five milliseconds now and then."""
+    return np.where(time % 0.1 < 5e-3, np.interp(time - time % 0.1, time, x), x)
+
+
+@pytest.mark.parametrize('channels', [('displacement',), ('voltage', 'charge', 'displacement')])
+@pytest.mark.parametrize('spoil, effect, block', [
+    (knocks, None, 'environment'), (jumps, None, None), (sticks, None, None),
+    (None, 'friction', None), (None, 'sensor_lag', None), (None, 'mechanical_resonance', None)])
+def test_bursts_that_ring_are_knocks(device, spoil, effect, block, channels):
+    target = device.with_effects({effect: EFFECTS[effect].typical()} if effect else {})
+    recordings = a_set(target, channels).recordings
+    if spoil:
+        recordings = [each.replace(measured=each.measured | {
+            'displacement': spoil(each.time, each.measured['displacement'])})
+            for each in recordings]
+    simulated = simulate_set(device, recordings)
+    cuts = block_residuals(device, prepare(recordings, simulated), simulated)
+    suspect = suspect_knocks(cuts)
     assert (suspect and suspect.block) == block
 
 

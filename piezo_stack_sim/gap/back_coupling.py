@@ -30,6 +30,7 @@ STANDS_OUT = 0.5  # part of the noise that a gap must reach
 FEW = 0.12  # share of charge up to which the stack felt nothing, either way
 FORCED = 0.4  # correlation of charge and displacement that a force makes
 FOLLOWS = 0.3  # gap behind the charge, against that before it, that is none
+ASTRAY = 0.4  # gap of the displacement, against that of the charge, that does not follow it
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
         math.sqrt(max(power, 0.0)) for power in powers[[0, 1, 2, 4, 5]] / rows)
     if max(before / quiet, through / still) < STANDS_OUT:
         return None
-    if through < FOLLOWS * min(before, after):
+    if through < ASTRAY * min(before, after):
         return _MISREAD_CHARGE
     if after < FOLLOWS * before or quiet > KNOWN * through:
         return None

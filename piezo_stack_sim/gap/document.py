@@ -12,6 +12,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
 from piezo_stack_sim.gap.back_coupling import suspect_block
+from piezo_stack_sim.gap.bursts import suspect_knocks
 from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.decision import count, Decision
 from piezo_stack_sim.gap.evidence import Evidence
@@ -90,7 +91,9 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     tuned = fitter.device_with({}, search.nominal.phi)
     cuts = where.block_residuals(
         tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]))
-    suspect = suspect_block(cuts) if verdict.word in UNNAMED else None
+    suspect = None
+    if verdict.word in UNNAMED:
+        suspect = suspect_knocks(cuts) or suspect_block(cuts)
     last = suspect.block if suspect else where.last_cut(
         verdict.selected, singles[0].name, evidence.channels)
     fractions, blocks = where.shares(cuts, last, evidence.channels)

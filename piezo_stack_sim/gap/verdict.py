@@ -30,7 +30,8 @@ class Thresholds:
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 40.0  # nats that a second effect must explain where it acts
-    second_part: float = 0.4  # and the part of what the first leaves there
+    second_part: float = 0.25  # and the part of what the first leaves there
+    still: float = 0.6  # part of what the first leaves, withheld, that two may leave at most
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
     as_good: float = 0.85  # part of what the second explains from which another would do as well
@@ -44,7 +45,7 @@ class Thresholds:
     one: tuple[float, float, float] = (2.5, -4.0, -0.5)
     two: tuple[float, float, float] = (1.5, 0.0, 0.0)  # the same for two
     nothing: float = 0.9  # how often NO_GAP is right
-    unknown: float = 0.55  # and UNKNOWN
+    unknown: float = 0.85  # and UNKNOWN
 
 
 DEFAULTS = Thresholds()
@@ -137,6 +138,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     explained = max(best.removed, 1.0 - best.left)
     for pair in pairs:
         if (second_counts(best, pair, t, kin)
+                and not _is_in_the_shade(best, pair, pairs, t, kin)
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
             ranks = {single.name: rank for rank, single in enumerate(singles)}
@@ -194,11 +196,30 @@ def second_counts(best: Ranked, pair: Ranked, t: Thresholds,
     """Tell whether a second effect is needed: it must explain enough where it acts."""
     if pair.second < t.second or pair.over < 0.5 * t.second:
         return False
-    names = pair.name.split('+')
-    if frozenset(names) in kin or len({EFFECTS[name].block for name in names}) == 1:
+    if pair.left > t.still * best.left:
+        return False  # it fills in some cells what the form of the first misses, and no more
+    if _are_relatives(pair, kin):
         # What the form of the first misses, a relative fills in: it takes more to believe in two.
         return best.removed < t.alone and pair.part > t.relative_part
     return pair.part > t.second_part
+
+
+def _are_relatives(pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
+    names = pair.name.split('+')
+    return frozenset(names) in kin or len({EFFECTS[name].block for name in names}) == 1
+
+
+def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds,
+                     kin: Collection[frozenset[str]]) -> bool:
+    """
+    Tell whether a relative of the first explains more than the second of a pair, and is none.
+
+    That one only fills in what the form of the first misses: so does this.
+    """
+    return best.name in pair.name.split('+') and any(
+        best.name in other.name.split('+') and _are_relatives(other, kin)
+        and other.second > pair.second and not second_counts(best, other, t, kin)
+        for other in pairs if other is not pair)
 
 
 def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
