@@ -11,6 +11,7 @@ from piezo_stack_sim.gap.fit import free_parameters
 from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.verdict import decide, probabilities, Ranked
 from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
@@ -224,6 +225,19 @@ def test_equal_scores_share_the_probability():
     assert chance[0] == pytest.approx(chance[1]) and chance[2] < 0.01
     verdict = decide(tied, [], 0.99, 50.0, [])
     assert verdict.word == 'AMBIGUOUS' and set(verdict.tie) == {'a', 'b'}
+
+
+def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):
+    recordings = a_set(device, ('displacement',)).recordings
+    evidence = prepare(recordings, simulate_set(device, recordings))
+    noise = np.random.default_rng(3).standard_normal(residuals(device, evidence).size)
+    first = np.arange(noise.size) < evidence.tracks[0].measured['displacement'].size
+    judge = Judge.from_residual(evidence, noise, noise)
+    assert judge.structure(noise) == 0.0
+    # Half as loud again is none of the noise, and a tenth of it may be.
+    louder = 1.5 * judge.powers(noise) - 1.0
+    assert judge.structure(np.sqrt(np.where(first, 1.5, 1.0)) * noise) == pytest.approx(louder[0])
+    assert judge.structure(np.sqrt(1.5) * noise) == pytest.approx(louder.max() - 0.1)
 
 
 @pytest.mark.parametrize('best, structure, word', [

@@ -26,6 +26,7 @@ from piezo_stack_sim.gap.noise import integrated_correlation
 
 
 SURE = 4.5  # standard deviations from which an excess is no chance: dozens of tracks are looked at
+NOISE_ERROR = 0.1  # part by which the power of the noise may be estimated wrong
 LOUD = 0.15  # excess over the noise power from which a track has something left
 FORM = 0.02  # part of a gap's power by which the true form of its cause may differ
 
@@ -59,9 +60,19 @@ class Judge:
             for (i, _), where in zip(self.evidence.keys, spans(self.evidence))])
 
     def structure(self, residual: np.ndarray) -> float:
-        """Return the largest excess over the noise power that is not chance, 0 if none is."""
+        """
+        Return the largest excess over the noise power that is not chance, 0 if none is.
+
+        What all recordings of a sensor have in excess may be its noise: the estimate is
+        not better known than that.
+        """
         excess = self.powers(residual) - 1.0
         sure = excess > SURE * np.sqrt(2.0 / self.weights)
+        channels = np.array([channel for _, channel in self.evidence.keys])
+        for channel in np.unique(channels):
+            alike = channels == channel
+            if np.count_nonzero(alike) > 1:
+                excess[alike] -= np.clip(excess[alike].min(), 0.0, NOISE_ERROR)
         return float(np.max(np.where(sure, excess, 0.0), initial=0.0))
 
     def score(self, residual: np.ndarray) -> float:
