@@ -233,11 +233,11 @@ def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):
     noise = np.random.default_rng(3).standard_normal(residuals(device, evidence).size)
     first = np.arange(noise.size) < evidence.tracks[0].measured['displacement'].size
     judge = Judge.from_residual(evidence, noise, noise)
-    assert judge.structure(noise) == 0.0
-    # Half as loud again is none of the noise, and a tenth of it may be.
-    louder = 1.5 * judge.powers(noise) - 1.0
-    assert judge.structure(np.sqrt(np.where(first, 1.5, 1.0)) * noise) == pytest.approx(louder[0])
-    assert judge.structure(np.sqrt(1.5) * noise) == pytest.approx(louder.max() - 0.1)
+    noise /= np.sqrt(np.where(first, *judge.powers(noise)))  # as loud as estimated
+    assert judge.structure(noise) == pytest.approx(0.0, abs=1e-12)
+    # Half as loud again is none of the noise; a tenth of it may be, if it is everywhere.
+    assert judge.structure(np.sqrt(np.where(first, 1.5, 1.0)) * noise) == pytest.approx(0.5)
+    assert judge.structure(np.sqrt(1.5) * noise) == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize('best, structure, word', [
