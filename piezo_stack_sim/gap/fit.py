@@ -358,9 +358,9 @@ def _tuned(device: Device, nuisance: Nuisance, effects: dict, phi: np.ndarray) -
 
 def _simulate(device: Device, nuisance: Nuisance, evidence: Evidence, effects: tuple, phi: tuple
               ) -> np.ndarray:
-    effects = {name: dict(given) for name, given in effects}
+    values = {name: dict(given) for name, given in effects}
     try:
-        residual = residuals(_tuned(device, nuisance, effects, np.array(phi)), evidence)
+        residual = residuals(_tuned(device, nuisance, values, np.array(phi)), evidence)
     except InputError:
         # Numbers that no device can have: infinitely bad, but not the end of the search.
         residual = np.full(spans(evidence)[-1].stop, 1e6)
