@@ -249,15 +249,17 @@ def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, w
     assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
 
 
-@pytest.mark.parametrize('second, part, left, word', [
-    (300.0, 0.8, 0.02, 'MULTIPLE'),
-    (10.0, 0.8, 0.02, 'CAUSE'),  # too little to tell
-    (300.0, 0.1, 0.02, 'CAUSE'),  # most of what it acts on stays
-    (300.0, 0.8, 0.15, 'CAUSE')])  # in some cells it helps, all in all it does not
+@pytest.mark.parametrize('second, part, removed, left, word', [
+    (300.0, 0.8, 0.99, 0.02, 'MULTIPLE'),
+    (10.0, 0.8, 0.99, 0.02, 'CAUSE'),  # too little to tell
+    (300.0, 0.1, 0.99, 0.02, 'CAUSE'),  # most of what it acts on stays
+    (300.0, 0.8, 0.82, 0.15, 'CAUSE'),  # in some cells it helps, all in all it does not
+    (300.0, 0.8, 0.82, 0.02, 'MULTIPLE'),  # in most recordings it does
+    (300.0, 0.8, 0.99, 0.15, 'MULTIPLE')])  # where the gap is large it does
 def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(
-        second, part, left, word):
+        second, part, removed, left, word):
     singles = [Ranked('leakage', 300.0, 0.80, 1, 0.2), Ranked('friction', 50.0, 0.1, 1, 0.9)]
-    pairs = [Ranked('leakage+friction', 500.0, 0.99, 2, left, second=second, part=part)]
+    pairs = [Ranked('leakage+friction', 500.0, removed, 2, left, second=second, part=part)]
     assert decide(singles, pairs, 0.99, 50.0, []).word == word
 
 

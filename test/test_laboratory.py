@@ -54,10 +54,15 @@ def test_a_lag_of_the_measurement_is_no_rate_dependent_hysteresis(answer):
 
 
 def test_rate_dependent_hysteresis_is_no_lag_of_the_measurement(answer):
-    """Break voltages that grow with the logarithm of the rate: the library has another form."""
+    """
+    Break voltages that grow with the logarithm of the rate: the library has another form.
+
+    It explains half of the gap, which may be too little for a name.
+    """
     diagnosis = answer('rate_dependent_hysteresis')
     assert not named(diagnosis) & LAGS
-    assert 'rate_dependent_hysteresis' in named(diagnosis)
+    assert diagnosis['causes'][0]['effect'].startswith('rate_dependent_hysteresis')
+    assert 'rate_dependent_hysteresis' in named(diagnosis) or diagnosis['verdict'] == 'UNKNOWN'
 
 
 def test_nothing_is_concluded_from_a_scale_that_nobody_knows(answer):

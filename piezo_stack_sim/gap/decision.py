@@ -17,7 +17,7 @@ from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import exchange, explained, polish_pairs, search_partners
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
-from piezo_stack_sim.gap.verdict import decide, Ranked, second_counts, Thresholds, Verdict
+from piezo_stack_sim.gap.verdict import decide, Ranked, second_explains, Thresholds, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
@@ -162,7 +162,7 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     best = singles[0]
     pairs = [_by_all_rows(fitter, search, judge, removable, pair, best.name)
              if best.name in pair.name.split('+')
-             and second_counts(best, pair, thresholds, alike.kin) else pair
+             and second_explains(best, pair, thresholds, alike.kin) else pair
              for pair in pairs]
     structure = judge.structure(search.nominal.residual)
     verdict = decide(singles, pairs, ceiling, structure, alike.classes, thresholds, alike.kin)

@@ -31,7 +31,8 @@ class Thresholds:
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 40.0  # nats that a second effect must explain where it acts
     second_part: float = 0.25  # and the part of what the first leaves there
-    still: float = 0.6  # part of what the first leaves, withheld, that two may leave at most
+    still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
+    stays: float = 0.4  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
     as_good: float = 0.85  # part of what the second explains from which another would do as well
@@ -137,7 +138,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     chance = probabilities(singles, t)
     explained = max(best.removed, 1.0 - best.left)
     for pair in pairs:
-        if (second_counts(best, pair, t, kin)
+        if (_counts(best, pair, t, kin)
                 and not _is_in_the_shade(best, pair, pairs, t, kin)
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
@@ -191,17 +192,23 @@ def _percent(part: float) -> str:
     return f'{100.0 * min(max(part, 0.0), 1.0):.0f} %'
 
 
-def second_counts(best: Ranked, pair: Ranked, t: Thresholds,
-                  kin: Collection[frozenset[str]]) -> bool:
-    """Tell whether a second effect is needed: it must explain enough where it acts."""
+def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
+                    kin: Collection[frozenset[str]]) -> bool:
+    """Tell whether a second effect explains enough where it acts."""
     if pair.second < t.second or pair.over < 0.5 * t.second:
         return False
-    if pair.left > t.still * best.left:
-        return False  # it fills in some cells what the form of the first misses, and no more
     if _are_relatives(pair, kin):
         # What the form of the first misses, a relative fills in: it takes more to believe in two.
         return best.removed < t.alone and pair.part > t.relative_part
     return pair.part > t.second_part
+
+
+def _counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
+    """Tell whether a second effect is needed: where it acts, and all in all."""
+    # Else it fills in some cells what the form of the first misses, and no more.
+    return second_explains(best, pair, t, kin) and (
+        pair.left <= t.still * best.left
+        or 1.0 - pair.removed <= t.stays * (1.0 - best.removed))
 
 
 def _are_relatives(pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
@@ -218,7 +225,7 @@ def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresho
     """
     return best.name in pair.name.split('+') and any(
         best.name in other.name.split('+') and _are_relatives(other, kin)
-        and other.second > pair.second and not second_counts(best, other, t, kin)
+        and other.second > pair.second and not _counts(best, other, t, kin)
         for other in pairs if other is not pair)
 
 
