@@ -127,7 +127,7 @@ class Fitter:
         self.rows = np.flatnonzero(fitted_rows(evidence))
         self.lens = plain(self.rows)
         self.base = residuals(device, evidence)
-        self._simulated = lru_cache(max(int(REMEMBERED / self.base.nbytes), 4))(
+        self._simulated = lru_cache(max(int(REMEMBERED / self.base.nbytes), 1))(
             partial(_simulate, device, self.nuisance, evidence))
 
     def device_with(self, effects: dict, phi: np.ndarray) -> Device:
