@@ -263,6 +263,12 @@ def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(
     assert decide(singles, pairs, 0.99, 50.0, []).word == word
 
 
+@pytest.mark.parametrize('gain, said', [(5.0, 'leakage, removes 20 %'), (0.0, 'no effect')])
+def test_an_effect_that_explains_nothing_is_not_called_the_best(gain, said):
+    reason = decide([Ranked('leakage', gain, 0.2, 1)], [], 0.1, 20.0, []).reason
+    assert said in reason and ('leakage' in reason) == (gain > 0.0)
+
+
 def test_of_two_effects_the_stronger_is_named_first():
     singles = [Ranked('sensor_delay', 300.0, 0.80, 1, 0.2), Ranked('friction', 50.0, 0.1, 1, 0.9)]
     pairs = [Ranked('friction+sensor_delay', 500.0, 0.99, 2, 0.01, second=300.0, part=0.8)]

@@ -330,3 +330,13 @@ def test_a_value_and_its_interval_share_one_unit():
 def test_nearly_certain_is_not_certain():
     assert [percent(p) for p in (0, 0.001, 0.5, 0.9999, 1)] == \
         ['0 %', '< 1 %', '50 %', '> 99 %', '100 %']
+
+
+def test_hardly_less_than_nothing_is_nothing():
+    assert [percent(p, 1) for p in (-1e-4, -0.01)] == ['0 %', '−1.0 %']
+
+
+def test_what_explains_nothing_is_no_candidate(cause):
+    idle = {**cause, 'causes': [{**each, 'delta_log_score': 0.0} for each in cause['causes']]}
+    assert 'Causes' in [line for line, _ in summary_lines(cause)]
+    assert 'Causes' not in [line for line, _ in summary_lines(idle)]

@@ -81,12 +81,12 @@ def with_interval(value, ci, unit='', digits=3):
 
 
 def percent(fraction, digits=0):
-    """Return a fraction in per cent; what is neither 0 nor 1 never reads as 0 % or 100 %."""
+    """Return a fraction in per cent; what lies between 0 and 1 never reads as 0 % or 100 %."""
     if fraction is None:
         return UNKNOWN
-    if fraction == 0:
-        return '0 %'
     edge = 10.0 ** -digits
+    if -edge / 200 < fraction <= 0:
+        return '0 %'
     if 0 < fraction < 1 and not edge / 200 <= fraction < 1 - edge / 200:
         return f'< {edge:g} %' if fraction < 0.5 else f'> {100 - edge:g} %'
     return f'{100 * fraction:.{digits}f} %'.replace('-', '−')

@@ -116,8 +116,8 @@ def _largest(shares, count, plain=False):
 
 
 def _causes(diagnosis, width):
-    """Return the five best candidates, with a bar where there is room."""
-    causes = diagnosis['causes'][:5]
+    """Return the five best candidates that explain anything, with a bar where there is room."""
+    causes = [cause for cause in diagnosis['causes'] if cause['delta_log_score'] > 0.0][:5]
     if not causes:
         return []
     tied = diagnosis['ambiguity_set'] if len(diagnosis['ambiguity_set']) > 1 else ()

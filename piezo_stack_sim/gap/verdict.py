@@ -152,9 +152,10 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
                            'parameters within their uncertainty is noise', t.nothing,
                            1.0 - t.nothing)
+        known = (f'the best effect, {words(best.name)}, removes {_percent(best.removed)} of the '
+                 'removable gap' if best.gain > 0.0 else 'no effect removes any of it')
         return Verdict('UNKNOWN', (), (), f'structure of {significant(1.0 + structure)} times the '
-                       f'noise power is left; the best effect, {words(best.name)}, removes '
-                       f'{_percent(best.removed)} of the removable gap, a flexible correction '
+                       f'noise power is left; {known}, a flexible correction '
                        f'{_percent(ceiling)}', t.unknown, 1.0 - t.unknown)
     tie = tie_of(singles, chance, classes, t)
     sure = best.odds(t.one)
