@@ -126,11 +126,11 @@ def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
 
     The resistance of a driver whose current never comes to its limit is one.
     """
-    effect = EFFECTS[name]
-    if all(math.isfinite(p.neutral) for p in effect.parameters if p.magnitude):
+    strong = [p for p in EFFECTS[name].parameters if p.magnitude]
+    if len(strong) == len(EFFECTS[name].parameters) or all(math.isfinite(p.neutral)
+                                                           for p in strong):
         return False  # nothing is left of it without
-    weak = {p.name: min(max(p.neutral, p.lower), p.upper)
-            for p in effect.parameters if p.magnitude}
+    weak = {p.name: min(max(p.neutral, p.lower), p.upper) for p in strong}
     residual = fitter.residual_of({**fit.effects, name: {**fit.effects[name], **weak}}, fit.phi)
     others = {other: values for other, values in fit.effects.items() if other != name}
     without = fitter.cost(fitter.residual_of(others, fit.phi), fit.phi)

@@ -17,7 +17,7 @@ import time
 from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.arbitrary import sized
-from piezo_stack_sim.gap.candidates import polish, Search, search_singles, tune, weigh_anew
+from piezo_stack_sim.gap.candidates import polish, Search, search_singles, weigh_anew
 from piezo_stack_sim.gap.decision import (
     count, decide_search, Decision, Removable, search_pairs)
 from piezo_stack_sim.gap.document import build_document
@@ -107,7 +107,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     progress('re-tuning the nominal parameters')
     fitter = Fitter(device, evidence)
     fitter.prepare(parallel)
-    tuned = tune(fitter)
+    tuned = fitter.fit({})
     # Without the calibration error more of what is left is noise: weigh anew.
     first, evidence = evidence, prepare(checked.recordings, simulate_set(
         fitter.device_with({}, tuned.phi), checked.recordings))

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import is_idle, Merit, Probe, probe_tone, Search
+from piezo_stack_sim.gap.candidates import is_idle, Merit, Probe, probe_tone, RIVAL, Search
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
@@ -31,7 +31,6 @@ EXCHANGED, PLAIN_EXCHANGED = 2, 1  # the same beside the second effect of the be
 SLACK = 0.1  # part by which the promises of places of an effect may differ and count as alike
 FIRST_STEPS = 2  # Gauss-Newton steps of all of them
 LEADING = 2  # pairs that are fitted to the end, by what they lose and by merit
-RIVAL = 0.35  # part of what the best of them gains that the others must
 PLAIN_STEPS = 4  # of these, to all rows alike
 ALONE_STEPS = 2  # and of each of two without the other
 WEIGHED_STEPS = 3  # of a fit in cells, before they are weighed anew
