@@ -133,6 +133,18 @@ def test_a_slow_ramp_alone_leaves_mass_and_damping_unknown():
         assert 'multisine' in estimates[name].advice
 
 
+def test_the_file_claims_no_more_than_the_recordings_tell():
+    known_well = found_from_noise(0)
+    assert known_well.device.actuator.relative_uncertainty == 0.02
+    # Neither charge nor scale: most numbers are those of one device among many that move alike.
+    moved = [each.replace(measured={'displacement': 3e5 * each.measured['displacement']},
+                          arbitrary=True)
+             for each in noisy(answered(slow(), quick()), 1)]
+    guessed = identify(RecordingSet('set', tuple(moved)))
+    assert len(guessed.undetermined) > len(guessed.estimates) / 2
+    assert 0.05 < guessed.device.actuator.relative_uncertainty <= 0.3
+
+
 def test_recordings_that_were_not_used_are_predicted():
     found = found_from_noise(0)
     for unseen in (programmes.decay(duration=0.15), programmes.triangle(

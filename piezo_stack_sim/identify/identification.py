@@ -24,6 +24,7 @@ from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
 
 HEAVIEST = 1.0  # kg; what moves more carries a load
+SURE, GUESSED = 0.02, 0.3  # relative uncertainty that a file with identified numbers states
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,9 @@ def identify(recordings: RecordingSet, start: Device | None = None,
         layout, vector = let_last_slip(layout, vector, tracks, beyond, curves[0].span)
     vector = find_motion(layout, vector, tracks)
     fit = refine(layout, vector, tracks, told)
-    found = layout.actuator(fit.vector).replace(model=f'identified from {recordings.name}')
+    certain = estimates(fit)
+    found = layout.actuator(fit.vector).replace(
+        model=f'identified from {recordings.name}', relative_uncertainty=_uncertainty(certain))
     place = layout.size - len(layout.polarised)
     polarised = {tracks[i].recording.name: float(np.exp(fit.vector[place + j]))
                  for j, i in enumerate(layout.polarised)}
@@ -141,8 +144,19 @@ def identify(recordings: RecordingSet, start: Device | None = None,
         load = replace(device.load, mass=device.load.mass + found.mass - guess.mass)
         device = device.replace(actuator=found.replace(mass=guess.mass), load=load)
     return Identification(
-        recordings.name, device, estimates(fit), curves, pieces, fit,
+        recordings.name, device, certain, curves, pieces, fit,
         findings, polarised, guess.model)
+
+
+def _uncertainty(certain: list[Estimate]) -> float:
+    """
+    Return how well the numbers are known: the median of their half intervals, relative.
+
+    One number speaks for all. The widest would not: neighbouring Maxwell elements share a curve
+    that is known far better than either of them.
+    """
+    widths = [each.half_width for each in certain if '/' not in each.name]
+    return float(f'{min(max(float(np.median(widths)), SURE), GUESSED):.2g}')
 
 
 def _voltage_range(recordings) -> tuple[float, float]:

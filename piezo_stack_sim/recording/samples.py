@@ -230,10 +230,14 @@ def check_start(recording, command_range):
     # The first row is sampled before its command; only a command of zero rests after it.
     rows = _rest(recording) if resting else 1
     for channel, values in recording.measured.items():
-        # Less may be noise, a disturbance or a drift, which are not for preflight to remove.
         start = float(np.mean(values[:rows]))
-        noise = float(np.median(np.abs(np.diff(values)))) / rows**0.5
-        if abs(start) <= max(_OFFSET * np.ptp(values), 10.0 * noise):
+        if channel == 'displacement' and recording.arbitrary:
+            least = 0.0  # a sensor of unknown scale has an unknown zero, too
+        else:
+            # Less may be noise, a disturbance or a drift, which are not for preflight to remove.
+            noise = float(np.median(np.abs(np.diff(values)))) / rows**0.5
+            least = max(_OFFSET * np.ptp(values), 10.0 * noise)
+        if abs(start) <= least:
             continue
         what = f'{channel} begins at {start:.4g}, not at zero'
         if channel == 'voltage' or not resting:
