@@ -231,6 +231,12 @@ def test_the_summary_has_at_most_25_lines(verdict, width):
     assert all(len(line) <= width for line in lines if not line.startswith('Wrote'))
 
 
+def test_unknown_says_why_on_the_terminal():
+    diagnosis = make_diagnosis('UNKNOWN')
+    text = ' '.join(' '.join(line for line, _ in summary_lines(diagnosis)).split())
+    assert f'Why {diagnosis["reason"][0].upper()}{diagnosis["reason"][1:]}.' in text
+
+
 def test_the_summary_says_it_all(cause):
     text = '\n'.join(line for line, _ in summary_lines(cause, 100))
     for words in ('Cause found: bench', 'Creep in the electrical block', '78.0 nm', '11.1 nm',

@@ -6,8 +6,8 @@ import textwrap
 
 from piezo_stack_sim.gap.quantities import (in_order, listing, percent, probability,
                                             quantity, times_noise, unit_of, UNKNOWN, words)
-from piezo_stack_sim.gap.wording import (next_sentence, reference_score, shrinkage_channels,
-                                         verdict_sentence, VERDICTS)
+from piezo_stack_sim.gap.wording import (as_sentence, next_sentence, reference_score,
+                                         shrinkage_channels, verdict_sentence, VERDICTS)
 
 LINES = 25
 _COLOURS = {'NO_GAP': 'green', 'CAUSE': 'cyan', 'MULTIPLE': 'cyan', 'AMBIGUOUS': 'yellow',
@@ -48,7 +48,11 @@ def summary_lines(diagnosis, width=80):
     lines = [(_cut(f'{VERDICTS[verdict]}{name}', width), f'bold {_COLOURS[verdict]}')]
     lines += [(line, '') for line in _wrapped(verdict_sentence(diagnosis), width, 4)]
     lines += [(_cut(line, width), style) for line, style in
-              [('', ''), *_gap(diagnosis), *_where(diagnosis), *_causes(diagnosis, width)]]
+              [('', ''), *_gap(diagnosis), *_where(diagnosis)]]
+    if verdict == 'UNKNOWN' and diagnosis.get('reason'):
+        lines += [(line, '') for line in _wrapped(
+            f'Why     {as_sentence(diagnosis["reason"])}', width, 3, ' ' * 8)]
+    lines += [(_cut(line, width), style) for line, style in _causes(diagnosis, width)]
     if diagnosis['next_experiment']:
         text = next_sentence(diagnosis['next_experiment'])
         lines += [(line, '') for line in _wrapped(f'Next    {text}', width, 2, ' ' * 8)]
