@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The diagnosis on devices with one known effect: what it must see, and must not claim."""
 
+from dataclasses import replace
+
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.back_coupling import suspect_block
@@ -227,6 +229,18 @@ def test_equal_scores_share_the_probability():
     assert verdict.word == 'AMBIGUOUS' and set(verdict.tie) == {'a', 'b'}
 
 
+def test_what_recordings_cannot_tell_apart_shares_the_probability():
+    one, other, far = (Ranked('a', 700.0, 0.98, 1), Ranked('b', 620.0, 0.96, 1),
+                       Ranked('c', 600.0, 0.95, 1))
+    assert probabilities([one, other, far])[0] > 0.7
+    chance = probabilities([one, other, far], classes=[['a', 'b']])
+    assert chance.sum() == pytest.approx(1.0)
+    assert 0.3 < chance[1] < chance[0] < 0.6 and chance[2] < 0.1
+    # Who leaves far more than the best is told from it, however alike their directions.
+    poor = Ranked('b', 400.0, 0.6, 1)
+    assert probabilities([one, far, poor], classes=[['a', 'b']])[2] < 0.01
+
+
 def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):
     recordings = a_set(device, ('displacement',)).recordings
     evidence = prepare(recordings, simulate_set(device, recordings))
@@ -304,6 +318,20 @@ def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):
     for entry in answer['calibration'].values():
         assert entry['fitted'] == pytest.approx(entry['nominal'], rel=1e-9)
     assert answer['verdict'] != 'NO_GAP'
+
+
+def test_a_load_is_known_no_better_than_the_stack_that_it_hangs_on(device):
+    """The sum of the masses shows in a resonance, and nothing tells whose mass it is."""
+    heavy = device.replace(load=replace(device.load, mass=6.0))
+    heavier = heavy.replace(load=replace(device.load, mass=6.0 * 1.015))
+    run = programmes.multisine(40.0, 6.0, (10.0, 1500.0), rate=10e3)
+    misses = [simulate(each, run.time, run.command).displacement for each in (heavy, heavier)]
+    nuisance = Nuisance(heavy)
+    phi = np.zeros(len(nuisance.names))
+    phi[nuisance.names.index('mass')] = 0.015
+    tuned = simulate(nuisance.apply(heavy, phi), run.time, run.command).displacement
+    assert np.ptp(misses[1] - misses[0]) > 1e-9
+    assert np.ptp(misses[1] - tuned) < 1e-3 * np.ptp(misses[1] - misses[0])
 
 
 def test_the_experiment_that_is_proposed_decides_between_what_was_tied(diagnosed, device):

@@ -10,6 +10,8 @@ never allowed beyond it, so that what lies outside is left to an effect.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from piezo_stack_sim.plant import Device
@@ -26,7 +28,8 @@ class Nuisance:
 
     First those of Table 1, then the stiffness and the break voltage of every
     Maxwell element of Table 2, and last, if ``scale_free``, the scale of the
-    displacement, of which nothing is known.
+    displacement, of which nothing is known.  A load's mass moves with the stack's:
+    only their sum shows.
     """
 
     def __init__(self, device: Device, scale_free: bool = False) -> None:
@@ -62,4 +65,5 @@ class Nuisance:
             known = device.effects.get('sensor_gain', {}).get('gain_error', 0.0)
             device = device.with_effects(
                 {'sensor_gain': {'gain_error': (1.0 + known) * (1.0 + float(phi[-1])) - 1.0}})
-        return device.replace(actuator=actuator.replace(**changes))
+        load = replace(device.load, mass=device.load.mass * (1.0 + float(phi[0])))
+        return device.replace(actuator=actuator.replace(**changes), load=load)

@@ -40,6 +40,7 @@ class Thresholds:
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave
+    alike_form: float = 0.3  # part of the gain by which the form may mislead between such two
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
@@ -74,22 +75,36 @@ class Ranked:
         return 1.0 / (1.0 + math.exp(-total))
 
 
-def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS) -> np.ndarray:
+def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
+                  classes: Collection[Collection[str]] = ()) -> np.ndarray:
     """
     Return the probabilities of hypotheses of equal prior, if one of them is the whole cause.
 
     A score is worth less than its nats, because no library holds the true form
     of an effect: differences are divided by a learned temperature, which grows
-    with what even the best leaves unexplained.
+    with what even the best leaves unexplained.  Between effects that the
+    recordings cannot tell apart hardly anything but the form makes a difference.
     """
     gains = np.array([r.gain for r in ranked])
     best = ranked[int(np.argmax(gains))]
     # What the best leaves, no hypothesis of the library has the form of.
     unknown = thresholds.form + 0.05 * (1.0 - min(max(best.removed, 0.0), 1.0))
     temperature = thresholds.temperature + unknown * max(best.gain, 0.0)
-    scaled = (gains - gains.max()) / temperature
-    weight = np.exp(scaled)
+    weight = np.exp((gains - gains.max()) / temperature)
+    misled = thresholds.temperature + thresholds.alike_form * max(best.gain, 0.0)
+    for names in _look_alikes(ranked, classes, thresholds):
+        group = [i for i, each in enumerate(ranked) if each.name in names]
+        share = np.exp((gains[group] - gains.max()) / misled)
+        weight[group] = weight[group].sum() * share / share.sum()
     return weight / weight.sum()
+
+
+def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: Thresholds
+                 ) -> list[set[str]]:
+    """Return those who look like the best and leave about as little, class by class."""
+    most = t.alike * (1.0 - ranked[0].removed) + 0.01
+    near = {each.name for each in ranked if 1.0 - each.removed < most}
+    return [near.intersection(group) for group in classes if ranked[0].name in group]
 
 
 @dataclass(frozen=True)
@@ -135,7 +150,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     """
     t = thresholds
     best = singles[0]
-    chance = probabilities(singles, t)
+    chance = probabilities(singles, t, classes)
     explained = max(best.removed, 1.0 - best.left)
     for pair in pairs:
         if (_counts(best, pair, t, kin)
@@ -238,10 +253,6 @@ def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
             if probability > 0.002:
                 tie.append(ranked.name)
                 covered += probability
-    for group in classes:
-        if singles[0].name in group:
-            # Whoever looks alike and leaves about as little belongs to the tie.
-            most = t.alike * (1.0 - singles[0].removed) + 0.01
-            near = {r.name for r in singles if 1.0 - r.removed < most}
-            tie += [name for name in group if name in near and name not in tie]
+    for group in _look_alikes(singles, classes, t):
+        tie += [r.name for r in singles if r.name in group and r.name not in tie]
     return tuple(tie)
