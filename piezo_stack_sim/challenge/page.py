@@ -19,8 +19,8 @@ OTHER_ANSWERS = ('NO_GAP', 'UNKNOWN', 'NOT_IDENTIFIABLE')
 TEMPLATE = """\
 # Score of the blind benchmark
 
-{{ score.sets }} devices: {% for kind, count in score.kinds.items() -%}
-{{ count }} {{ kinds[kind] }}{{ ', ' if not loop.last }}{% endfor %}.
+{{ score.sets }} devices: {% for kind, words in kinds.items() if kind in score.kinds -%}
+{{ score.kinds[kind] }} {{ words }}{{ ', ' if not loop.last }}{% endfor %}.
 Labels `{{ score.labels_sha256[:16] }}`, code `{{ score.code[:16] }}`. Rates with 95 % Wilson
 intervals. Made by `piezo_stack challenge score`.
 
