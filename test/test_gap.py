@@ -230,12 +230,12 @@ def test_equal_scores_share_the_probability():
 
 
 def test_what_recordings_cannot_tell_apart_shares_the_probability():
-    one, other, far = (Ranked('a', 700.0, 0.98, 1), Ranked('b', 620.0, 0.96, 1),
-                       Ranked('c', 600.0, 0.95, 1))
-    assert probabilities([one, other, far])[0] > 0.7
+    one, other, far = (Ranked('a', 700.0, 0.98, 1), Ranked('b', 670.0, 0.96, 1),
+                       Ranked('c', 660.0, 0.95, 1))
+    assert probabilities([one, other, far])[0] > 0.9
     chance = probabilities([one, other, far], classes=[['a', 'b']])
     assert chance.sum() == pytest.approx(1.0)
-    assert 0.3 < chance[1] < chance[0] < 0.6 and chance[2] < 0.1
+    assert 0.2 < chance[1] < chance[0] < 0.8 and chance[2] < 0.1
     # Who leaves far more than the best is told from it, however alike their directions.
     poor = Ranked('b', 400.0, 0.6, 1)
     assert probabilities([one, far, poor], classes=[['a', 'b']])[2] < 0.01

@@ -40,7 +40,7 @@ class Thresholds:
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave
-    alike_form: float = 0.3  # part of the gain by which the form may mislead between such two
+    alike_form: float = 0.05  # part of the gain by which the form may mislead between such two
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
