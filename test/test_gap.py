@@ -277,6 +277,13 @@ def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(
     assert decide(singles, pairs, 0.99, 50.0, []).word == word
 
 
+@pytest.mark.parametrize('gain, word', [(2000.0, 'MULTIPLE'), (20000.0, 'CAUSE')])
+def test_a_second_effect_explains_more_than_the_form_of_a_strong_first_misses(gain, word):
+    singles = [Ranked('leakage', gain, 0.98, 1, 0.02), Ranked('friction', 50.0, 0.1, 1, 0.9)]
+    pairs = [Ranked('leakage+friction', gain + 200.0, 0.999, 2, 0.001, second=200.0, part=0.8)]
+    assert decide(singles, pairs, 0.99, 50.0, []).word == word
+
+
 @pytest.mark.parametrize('gain, said', [(5.0, 'leakage, removes 20 %'), (0.0, 'no effect')])
 def test_an_effect_that_explains_nothing_is_not_called_the_best(gain, said):
     reason = decide([Ranked('leakage', gain, 0.2, 1)], [], 0.1, 20.0, []).reason

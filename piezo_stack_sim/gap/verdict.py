@@ -30,6 +30,7 @@ class Thresholds:
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 40.0  # nats that a second effect must explain where it acts
+    second_form: float = 0.03  # or, if more, this part of what the first explains
     second_part: float = 0.25  # and the part of what the first leaves there
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.4  # or else, by the power of the gap
@@ -211,7 +212,8 @@ def _percent(part: float) -> str:
 def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
                     kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect explains enough where it acts."""
-    if pair.second < t.second or pair.over < 0.5 * t.second:
+    # What the form of the first misses is a part of what it explains.
+    if pair.second < max(t.second, t.second_form * best.gain) or pair.over < 0.5 * t.second:
         return False
     if _are_relatives(pair, kin):
         # What the form of the first misses, a relative fills in: it takes more to believe in two.
