@@ -17,9 +17,8 @@ import time
 from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.arbitrary import sized
-from piezo_stack_sim.gap.candidates import polish, Search, search_singles, weigh_anew
-from piezo_stack_sim.gap.decision import (
-    count, decide_search, Decision, Removable, search_pairs)
+from piezo_stack_sim.gap.candidates import polish, search_singles, weigh_anew
+from piezo_stack_sim.gap.decision import decide_search, Removable, search_pairs
 from piezo_stack_sim.gap.document import build_document
 from piezo_stack_sim.gap.evidence import prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
@@ -50,8 +49,6 @@ class Diagnosis:
         The same for each recording by name: what is new every time differs.
     seconds : float
         How long it took.
-    scores : dict
-        Powers of every hypothesis: what learning the thresholds needs.
 
     """
 
@@ -59,7 +56,6 @@ class Diagnosis:
     device: Device
     devices: dict[str, Device]
     seconds: float
-    scores: dict
 
 
 def _silent(message: str) -> None:
@@ -148,18 +144,4 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
             {c: evidence.noise_rms(c) for c in evidence.channels})
     return Diagnosis(result, fitter.device_with(chosen.effects, chosen.phi),
                      {r.name: d for r, d in zip(checked.recordings, devices)},
-                     time.perf_counter() - started, _scores(search, decision))
-
-
-def _scores(search: Search, decision: Decision) -> dict:
-    """Return what learning the thresholds needs: the powers of every hypothesis."""
-    judge = decision.judge
-    return {
-        'weights': judge.weights.tolist(), 'forgiven': judge.forgiven.tolist(),
-        'nominal': judge.powers(search.nominal.residual).tolist(), 'ceiling': decision.ceiling,
-        'pairs': [[r.name, r.second, r.part] for r in decision.pairs],
-        'structure': decision.structure, 'classes': decision.alike.classes,
-        'kin': sorted(map(sorted, decision.alike.kin)),
-        'fits': {name: [judge.powers(fit.residual).tolist(),
-                        decision.removable.share(fit.residual), count(fit), fit.cost]
-                 for name, fit in search.fits.items()}}
+                     time.perf_counter() - started)

@@ -14,8 +14,8 @@ import math
 from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR, F_FRIC, F_FRIC_DIR, F_LIMIT,
-    F_SLIP, I_CONTACT, I_FRICTION, I_LIMITER, R_FRICTION_F, R_FRICTION_K, R_GAP, R_LIMIT, REST,
-    W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3)
+    F_SLIP, I_CONTACT, I_FRICTION, I_LIMITER, M_FRICTION, R_FRICTION_F, R_FRICTION_K, R_GAP,
+    R_LIMIT, REST, W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3)
 
 MARGIN = 0.5  # of the amplitude, where the split into ringing and slow part is not strict
 EVER = 1e30  # s
@@ -89,8 +89,8 @@ def calm_time(now, x, w, omega, damping, exact, flags, p, r, real, ip, x_block):
                                           flags[F_FRIC_DIR], 0.1 * REST, exact))
                 continue
             reach = real[R_FRICTION_F] / real[R_FRICTION_K] + DISPLACEMENT_TOLERANCE
-            low = x_block[0] - reach
-            high = x_block[0] + reach
+            low = x_block[M_FRICTION] - reach
+            high = x_block[M_FRICTION] + reach
         elif flags[F_CONTACT] != 0:
             low = real[R_GAP] - DISPLACEMENT_TOLERANCE
             high = 1.0

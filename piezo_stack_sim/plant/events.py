@@ -13,7 +13,8 @@ from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR, F_FRIC, F_FRIC_DIR, F_LIMIT,
-    F_SLIP, I_CONTACT, I_FRICTION, R_FRICTION_F, R_FRICTION_K, R_GAP, R_LIMIT, W_Q, W_Q1, W_WANT)
+    F_SLIP, I_CONTACT, I_FRICTION, M_FRICTION, M_FURTHEST, M_SLIDE, R_FRICTION_F, R_FRICTION_K,
+    R_GAP, R_LIMIT, W_Q, W_Q1, W_WANT)
 
 
 @inline
@@ -73,7 +74,7 @@ def event_displacement(x0, w0, x1, w1, flags, real, ip, x_block):
     if ip[I_FRICTION] != 0:
         direction = flags[F_FRIC_DIR]
         if flags[F_FRIC] != 0:
-            far = max(direction * x_block[3], max(direction * x0, direction * x1))
+            far = max(direction * x_block[M_SLIDE], max(direction * x0, direction * x1))
             if direction * w1 < 0.0 and (
                     direction * w0 > 0.0 or far - direction * x1 > DISPLACEMENT_TOLERANCE):
                 first = top if direction * w0 > 0.0 else 0.0
@@ -81,7 +82,7 @@ def event_displacement(x0, w0, x1, w1, flags, real, ip, x_block):
         else:
             reach = real[R_FRICTION_F] / real[R_FRICTION_K] + DISPLACEMENT_TOLERANCE
             for sign in (1.0, -1.0):
-                edge = x_block[0] + sign * reach
+                edge = x_block[M_FRICTION] + sign * reach
                 if sign * (peak - edge) > 0.0:
                     first = min(first, crossing(edge, x0, w0, x1, w1, top))
                 elif sign * (x1 - edge) > 0.0:
@@ -153,7 +154,7 @@ def first_event(now, then, s, s1, length, flags, p, r, real, ip, x_block, n, rel
     q1 = then[W_Q]
     d0 = now[W_Q1] * length
     d1 = then[W_Q1] * length
-    part, kind = event_charge(q0, d0, q1, d1, flags, p, r, x_block[1], n, reliable)
+    part, kind = event_charge(q0, d0, q1, d1, flags, p, r, x_block[M_FURTHEST], n, reliable)
     if displaced:
         at, other = event_displacement(s[0], s[1] * length, s1[0], s1[1] * length, flags, real,
                                        ip, x_block)
@@ -171,8 +172,8 @@ def first_event(now, then, s, s1, length, flags, p, r, real, ip, x_block, n, rel
         if displaced:
             if ip[I_FRICTION] != 0 and flags[F_FRIC] == 0:
                 reach = real[R_FRICTION_F] / real[R_FRICTION_K]
-                if grazes(s[0], s[1] * length, s1[0], s1[1] * length, x_block[0] - reach,
-                          x_block[0] + reach):
+                if grazes(s[0], s[1] * length, s1[0], s1[1] * length, x_block[M_FRICTION] - reach,
+                          x_block[M_FRICTION] + reach):
                     return -1.0, 0
             if ip[I_CONTACT] != 0 and grazes(s[0], s[1] * length, s1[0], s1[1] * length,
                                              real[R_GAP], real[R_GAP]):

@@ -16,7 +16,7 @@ import math
 from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
 from piezo_stack_sim.plant.layout import (
-    A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, MAX_EVENTS, U)
+    A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, M_CHARGE, M_FURTHEST, MAX_EVENTS, U)
 
 # Constants of a mode, one row for each number of slipping elements.
 C_K, C_SPRING, C_GAIN, C_DQ_DX, C_DQ_DU, C_OMEGA = range(6)
@@ -119,8 +119,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
     n = k.size
     x = s[0]
     w = s[1]
-    far = memory[1]
-    q = memory[2]
+    far = memory[M_FURTHEST]
+    q = memory[M_CHARGE]
     slip = flags[F_SLIP]
     direction = flags[F_DIR]
     u = inputs[U]
@@ -307,8 +307,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             out_read[index] = reading
     s[0] = x
     s[1] = w
-    memory[1] = far
-    memory[2] = q
+    memory[M_FURTHEST] = far
+    memory[M_CHARGE] = q
     flags[F_SLIP] = slip
     flags[F_DIR] = direction
     inputs[U] = u

@@ -21,10 +21,10 @@ from piezo_stack_sim.plant.compiled import dot, jit
 from piezo_stack_sim.plant.events import first_event
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_GROWING,
-    I_INPUTS, I_LIMITER, I_RELAXING, I_SMOOTH, M_BEGAN, M_CHARGE, M_GROWTH, M_JUMP, M_SINCE,
-    MAX_EVENTS, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED, R_QUICKEST, R_TOL, SMOOTH_F, SMOOTH_V, U,
-    W_OUT, W_Q, W_Q1, W_Q2, W_WANT, WORK_BEND, WORK_END, WORK_HELD, WORK_NOW, WORK_THEN, WORK_Z,
-    WORK_Z1)
+    I_INPUTS, I_LIMITER, I_RELAXING, I_SMOOTH, M_BEGAN, M_CHARGE, M_FURTHEST, M_GROWTH, M_JUMP,
+    M_SINCE, M_SLIDE, MAX_EVENTS, N_INPUTS, N_OUTPUTS, N_RAMPS, N_WATCHED, R_QUICKEST, R_TOL,
+    SMOOTH_F, SMOOTH_V, U, W_OUT, W_Q, W_Q1, W_Q2, W_WANT, WORK_BEND, WORK_END, WORK_HELD,
+    WORK_NOW, WORK_THEN, WORK_Z, WORK_Z1)
 from piezo_stack_sim.plant.modes import build_mode, mode_index
 from piezo_stack_sim.plant.ports import (
     grow, grown, offsets, settle, smooth_force, smooth_voltage, switch)
@@ -144,7 +144,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             inputs[FORCE] = seg_force[segment]
             settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block)
             offsets(inputs, flags, p, k, v_break, real, ip, x_block)
-            x_block[1] = x_block[2]
+            x_block[M_FURTHEST] = x_block[M_CHARGE]
             if growing and left > 0:
                 x_block[M_JUMP] = abs(x_block[M_CHARGE] - before)
                 x_block[M_BEGAN] = x_block[M_CHARGE]
@@ -288,15 +288,15 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                 z[i_smooth] = v1
                 z[i_smooth + 1] = f1
                 habit = level + 1
-            if flags[F_SLIP] > 0 and flags[F_DIR] * (now[W_Q] - x_block[1]) > 0.0:
-                x_block[1] = now[W_Q]
-            if flags[F_FRIC] != 0 and flags[F_FRIC_DIR] * (s[0] - x_block[3]) > 0.0:
-                x_block[3] = s[0]
+            if flags[F_SLIP] > 0 and flags[F_DIR] * (now[W_Q] - x_block[M_FURTHEST]) > 0.0:
+                x_block[M_FURTHEST] = now[W_Q]
+            if flags[F_FRIC] != 0 and flags[F_FRIC_DIR] * (s[0] - x_block[M_SLIDE]) > 0.0:
+                x_block[M_SLIDE] = s[0]
             trust = min(trust + 1, levels[d])
             level = trust if reliable and not smooth else min(level + 1, trust)
-        x_block[2] = now[W_Q]
+        x_block[M_CHARGE] = now[W_Q]
         x_block[M_SINCE] += tick * seg_ticks[segment]
-        if not math.isfinite(x_block[2]) or not math.isfinite(s[0]):
+        if not math.isfinite(x_block[M_CHARGE]) or not math.isfinite(s[0]):
             failed = 1
             break
         row = seg_state[segment]

@@ -15,9 +15,9 @@ from piezo_stack_sim.plant.layout import (
     A_CONTACT, A_FRICTION, A_RC, CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR,
     F_FRIC, F_FRIC_DIR, F_LIMIT, F_SLIP, GROWTH_CURRENT, GROWTH_MEMORY, GROWTH_STEP, I_CONTACT,
     I_DRIVE, I_FRICTION, I_LIMITER, I_QSTATE, I_SMOOTH, I_SOURCE, M_BEGAN, M_CHARGE, M_CURRENT,
-    M_GROWTH, M_JUMP, M_SINCE, R_C, R_CONTACT_K, R_EXPONENT, R_FRICTION_F, R_FRICTION_K, R_GAP,
-    R_GROWTH, R_K2, R_K3, R_LIMIT, R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1,
-    W_WANT)
+    M_FRICTION, M_FURTHEST, M_GROWTH, M_JUMP, M_SINCE, M_SLIDE, R_C, R_CONTACT_K, R_EXPONENT,
+    R_FRICTION_F, R_FRICTION_K, R_GAP, R_GROWTH, R_K2, R_K3, R_LIMIT, R_T, R_V2, R_V3, SMOOTH_F,
+    SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
 
 
 @jit
@@ -155,7 +155,7 @@ def settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block):
         inputs[SMOOTH_F] = smooth_force(s[0], real)
     source = s[ip[I_SOURCE]] if ip[I_SOURCE] >= 0 else inputs[U]
     iq = ip[I_QSTATE]
-    q = x_block[2]
+    q = x_block[M_CHARGE]
     if iq >= 0:
         q = s[iq]
     else:
@@ -170,7 +170,7 @@ def settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block):
             elastance = opposing[0, n_states]
             target = real[R_T] * s[0] + slope_cap * target
         q = move_charge(q, target, slope_cap, real, flags, p, r, k, v_break, elastance)
-    x_block[2] = q
+    x_block[M_CHARGE] = q
     if ip[I_SMOOTH] != 0:
         inputs[SMOOTH_V] = smooth_voltage(q, real)
 
@@ -181,7 +181,7 @@ def offsets(inputs, flags, p, k, v_break, real, ip, x_block):
     inputs[A_RC] = maxwell_offset(flags[F_SLIP], flags[F_DIR], p, k, v_break)
     if ip[I_FRICTION] != 0:
         if flags[F_FRIC] == 0:
-            inputs[A_FRICTION] = real[R_FRICTION_K] * x_block[0]
+            inputs[A_FRICTION] = real[R_FRICTION_K] * x_block[M_FRICTION]
         else:
             inputs[A_FRICTION] = -flags[F_FRIC_DIR] * real[R_FRICTION_F]
     if ip[I_CONTACT] != 0:
@@ -202,26 +202,26 @@ def switch(now, s, inputs, flags, p, r, k, v_break, real, ip, x_block, turned):
     n = k.size
     changed = False
     q = now[W_Q]
-    x_block[2] = q
+    x_block[M_CHARGE] = q
     rate = now[W_Q1]
     if flags[F_SLIP] > 0:
         direction = flags[F_DIR]
-        if direction * (q - x_block[1]) > 0.0:
-            x_block[1] = q
+        if direction * (q - x_block[M_FURTHEST]) > 0.0:
+            x_block[M_FURTHEST] = q
         if direction * rate < 0.0 and (
-                turned == 1 or direction * (x_block[1] - q) > CHARGE_TOLERANCE):
+                turned == 1 or direction * (x_block[M_FURTHEST] - q) > CHARGE_TOLERANCE):
             stick(flags, p, r, q)
             changed = True
     if flags[F_SLIP] == 0:
         if q > p[0] + r[0] + CHARGE_TOLERANCE:
             flags[F_DIR] = 1
             flags[F_SLIP] = 1
-            x_block[1] = q
+            x_block[M_FURTHEST] = q
             changed = True
         elif q < p[0] - r[0] - CHARGE_TOLERANCE:
             flags[F_DIR] = -1
             flags[F_SLIP] = 1
-            x_block[1] = q
+            x_block[M_FURTHEST] = q
             changed = True
     if flags[F_SLIP] > 0:
         direction = flags[F_DIR]
@@ -234,18 +234,18 @@ def switch(now, s, inputs, flags, p, r, k, v_break, real, ip, x_block, turned):
         x = s[0]
         reach = real[R_FRICTION_F] / real[R_FRICTION_K]
         if flags[F_FRIC] != 0:
-            if flags[F_FRIC_DIR] * (x - x_block[3]) > 0.0:
-                x_block[3] = x
+            if flags[F_FRIC_DIR] * (x - x_block[M_SLIDE]) > 0.0:
+                x_block[M_SLIDE] = x
             if flags[F_FRIC_DIR] * s[1] < 0.0 and (
                     turned == 2
-                    or flags[F_FRIC_DIR] * (x_block[3] - x) > DISPLACEMENT_TOLERANCE):
-                x_block[0] = x - flags[F_FRIC_DIR] * reach
+                    or flags[F_FRIC_DIR] * (x_block[M_SLIDE] - x) > DISPLACEMENT_TOLERANCE):
+                x_block[M_FRICTION] = x - flags[F_FRIC_DIR] * reach
                 flags[F_FRIC] = 0
                 changed = True
-        elif abs(x - x_block[0]) > reach + DISPLACEMENT_TOLERANCE:
+        elif abs(x - x_block[M_FRICTION]) > reach + DISPLACEMENT_TOLERANCE:
             flags[F_FRIC] = 1
-            flags[F_FRIC_DIR] = 1 if x > x_block[0] else -1
-            x_block[3] = x
+            flags[F_FRIC_DIR] = 1 if x > x_block[M_FRICTION] else -1
+            x_block[M_SLIDE] = x
             changed = True
     if ip[I_CONTACT] != 0:
         touch = flags[F_CONTACT]

@@ -132,7 +132,7 @@ class Plant:
 
     def _idle_command(self) -> float:
         """Return the source value that keeps the device as it is."""
-        return float(self._memory[2]) if self.drive in ('charge', 'open') else 0.0
+        return float(self._memory[layout.M_CHARGE]) if self.drive in ('charge', 'open') else 0.0
 
     # -- state -------------------------------------------------------------------
 
@@ -213,7 +213,7 @@ class Plant:
     def _rebuild(self, drive: str, source: float) -> None:
         """Carry the state over to a new set-up; states that are new begin at rest."""
         old = dict(zip(self._system.state_names, self._s))
-        old.setdefault('charge', self._memory[2])
+        old.setdefault('charge', self._memory[layout.M_CHARGE])
         voltage = self.sample_exact()[3]
         had_friction = self._system.ints[layout.I_FRICTION]
         commands, readings = self._commands, self._readings
@@ -222,11 +222,11 @@ class Plant:
         self._s = np.array([old.get(name, start) for name, start in
                             zip(system.state_names, system.initial)])
         if not had_friction:
-            self._memory[0] = self._memory[3] = self._s[0]
+            self._memory[layout.M_FRICTION] = self._memory[layout.M_SLIDE] = self._s[0]
             self._flags[layout.F_FRIC] = 0
         self._inputs[layout.U] = source
         self._inputs[layout.A_FRICTION:] = 0.0
-        self._s = rest(system, self._s, self._memory[2], voltage, self._inputs,
+        self._s = rest(system, self._s, self._memory[layout.M_CHARGE], voltage, self._inputs,
                        set(system.state_names) - set(old))
         self._flags[layout.F_LIMIT] = 0
         self._bring_in_line(source)
