@@ -9,7 +9,7 @@ linear look, which places are worth a whole fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 import math
 from typing import NamedTuple
@@ -87,12 +87,13 @@ class Search:
         return self.corrected.get(name, self.fits[name])
 
 
-def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None]) -> Search:
+def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None],
+                   names: Collection[str] = tuple(EFFECTS)) -> Search:
     """Fit the nominal device alone, then with every effect by itself."""
     search = Search(tune(fitter))
     nominal = search.nominal
-    jobs = [(name, place) for name, effect in EFFECTS.items()
-            for place in ([Place({}, {})] if name == TONE else starts_of(effect, extent))]
+    jobs = [(name, place) for name in names
+            for place in ([Place({}, {})] if name == TONE else starts_of(EFFECTS[name], extent))]
 
     def probe(job):
         name, place = job

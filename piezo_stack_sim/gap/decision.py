@@ -17,7 +17,8 @@ from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import exchange, explained, polish_pairs, search_partners
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
-from piezo_stack_sim.gap.verdict import decide, Ranked, second_explains, Thresholds, Verdict
+from piezo_stack_sim.gap.verdict import (
+    Cut, decide, Ranked, second_explains, Thresholds, Verdict)
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
@@ -86,12 +87,16 @@ def rank(names, search: Search, judge: Judge, removable: Removable) -> list[Rank
     return sorted(ranked, key=lambda r: (-r.gain, r.name))
 
 
-def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable
+def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable, kept: str = ''
                ) -> list[Ranked]:
-    """Return pairs, best first: by what the second effect explains where the first leaves it."""
+    """
+    Return pairs, best first: by what the second effect explains where the first leaves it.
+
+    Only the best are looked at, and the one to be ``kept``.
+    """
     pairs = rank([n for n in search.fits if '+' in n], search, judge, removable)
     pairs.sort(key=lambda r: (judge.cells.nats(search.fits[r.name].residual), r.name))
-    pairs = pairs[:PAIRS_SHOWN]
+    pairs = [pair for rank, pair in enumerate(pairs) if rank < PAIRS_SHOWN or pair.name == kept]
     alone = min((judge.cells.nats(fit.residual) for fit in search.bases.values()), default=0.0)
     for i, pair in enumerate(pairs):
         if not set(pair.name.split('+')) <= set(search.bases):
@@ -135,7 +140,7 @@ def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]
 
 
 def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, alike: Alike,
-                  thresholds: Thresholds) -> Decision:
+                  thresholds: Thresholds, cut: Cut | None = None) -> Decision:
     """
     Rank all that was fitted, and decide.
 
@@ -153,17 +158,21 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         What the recordings cannot tell apart.
     thresholds : Thresholds
         What was learned on the development set.
+    cut : Cut, optional
+        What a look at both sides of the terminals told.
 
     """
     # What re-tuning removes is calibration, not a cause.
     removable = Removable(judge.evidence, search.nominal.residual)
     singles = _singles(search, judge, removable)
-    pairs = rank_pairs(fitter, search, judge, removable)
+    pairs = rank_pairs(fitter, search, judge, removable, cut.pair if cut else '')
     best = singles[0]
     pairs = [_by_all_rows(fitter, search, judge, removable, pair, best.name)
              if best.name in pair.name.split('+')
-             and second_explains(best, pair, thresholds, alike.kin) else pair
+             and (second_explains(best, pair, thresholds, alike.kin)
+                  or cut is not None and pair.name == cut.pair) else pair
              for pair in pairs]
     structure = judge.structure(search.nominal.residual)
-    verdict = decide(singles, pairs, ceiling, structure, alike.classes, thresholds, alike.kin)
+    verdict = decide(singles, pairs, ceiling, structure, alike.classes, thresholds, alike.kin,
+                     cut)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict)

@@ -26,6 +26,7 @@ from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_se
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.starts import extent_of
+from piezo_stack_sim.gap.terminals import look_at_terminals
 from piezo_stack_sim.gap.verdict import DEFAULTS, Thresholds
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
@@ -114,15 +115,20 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     # A slow answer to every command had passed for noise unless something explains it now.
     fitter, search = weigh_anew(fitter, search)
     evidence = fitter.evidence
+    terminals = look_at_terminals(fitter, search, thresholds, progress)
     judge = Judge.from_residual(
         evidence, min(search.fits.values(), key=lambda fit: fit.cost).residual,
         search.nominal.residual)
-    search_pairs(fitter, search, judge, thresholds, progress)
+    cut = None
+    if terminals is not None:
+        cut = terminals.join(fitter, search, thresholds, progress)
+    if cut is None or not cut.pair and cut.known:
+        search_pairs(fitter, search, judge, thresholds, progress)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     alike = isolability(fitter, search)
-    decision = decide_search(fitter, search, judge, ceiling, alike, thresholds)
+    decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, cut)
     verdict, chosen = decision.verdict, decision.chosen(search)
     progress('writing it up')
     devices = fitter.devices_of(chosen)
@@ -131,7 +137,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
                             flexible, thresholds)
     if ablate:
         result['baselines'] |= ablations(search, fitter, judge, verdict, lambda other, by: (
-            decide_search(fitter, other, by, ceiling, alike, thresholds).verdict))
+            decide_search(fitter, other, by, ceiling, alike, thresholds, cut).verdict))
     if len(verdict.tie) > 1:
         from piezo_stack_sim.gap.experiment import next_experiment
         progress('looking for the experiment that decides')

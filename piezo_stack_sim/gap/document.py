@@ -92,13 +92,13 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     cuts = where.block_residuals(
         tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]))
     suspect = None
-    if verdict.word in UNNAMED:
+    if verdict.word in UNNAMED and verdict.block is None:
         suspect = suspect_knocks(cuts) or suspect_block(cuts)
     last = suspect.block if suspect else where.last_cut(
         verdict.selected, singles[0].name, evidence.channels)
     fractions, blocks = where.shares(cuts, last, evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
-    block = _block(verdict, fractions, singles)
+    block = verdict.block or _block(verdict, fractions, singles)
     if suspect and block == 'drive':
         suspect = None  # what comes first explains what follows
     return {

@@ -184,6 +184,40 @@ def _hopeful(search: Search) -> list[str]:
             if merit.nats > HOPEFUL_NATS and merit.part > HOPEFUL_PART]
 
 
+def add_pair(fitter: Fitter, search: Search, start: dict[str, dict[str, float]], phi: np.ndarray
+             ) -> str:
+    """
+    Fit a pair that was found elsewhere, and each of the two without the other.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        With which all was fitted.
+    search : Search
+        Where the pair goes.
+    start : dict
+        The two effects with their numbers (SI).
+    phi : ndarray, shape (p,)
+        Deviations of the nominal parameters that go with them.
+
+    Returns
+    -------
+    str
+        The name of the pair.
+
+    """
+    cells = Cells(fitter.evidence, fitted=True)
+    pair = _settled(fitter, cells, fitter.fit(start, phi, PLAIN_STEPS))
+    name = pair_of(*start)
+    search.fits[name] = pair if _better(cells, pair, search.fits.get(name)) else search.fits[name]
+    for base in start:
+        fit = _alone(fitter, cells, base, search.fits[name])
+        if base not in search.bases or _better(cells, fit, search.bases[base]):
+            search.bases[base] = fit
+    search.merits[name] = explained(fitter, search, cells, name)
+    return name
+
+
 def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
     """
     Return how much of what the first effect leaves a second explains, where it acts.

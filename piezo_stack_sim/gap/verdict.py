@@ -42,6 +42,8 @@ class Thresholds:
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave
     alike_form: float = 0.05  # part of the gain by which the form may mislead between such two
+    behind: float = 0.75  # part of the gap behind the terminals that a second effect must remove
+    hint: float = 5.0  # and nats by which it must show with the simulated voltage, too
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
@@ -109,13 +111,37 @@ def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: 
 
 
 @dataclass(frozen=True)
+class Cut:
+    """
+    What cutting the model at its terminals tells, where the voltage there is wrong.
+
+    ``known`` tells whether an effect of the drive explains the voltage, ``pair`` is the name
+    of that with what clearly acts behind the terminals ('' for nothing), ``removed`` the part
+    of the gap behind them that this removes, ``others`` would do about as well,
+    ``supported`` are effects behind the terminals that explain anything there.
+    """
+
+    known: bool
+    pair: str = ''
+    removed: float = 0.0
+    others: tuple[str, ...] = ()
+    supported: frozenset[str] = frozenset()
+
+    def allows(self, pair: Ranked) -> bool:
+        """Tell whether both of a pair have something to explain on their side of the cut."""
+        return all(EFFECTS[name].block == 'drive' or name in self.supported
+                   for name in pair.name.split('+'))
+
+
+@dataclass(frozen=True)
 class Verdict:
     """
     The answer.
 
     ``selected`` are the effects switched on, the stronger first, ``tie`` those that
     cannot be told apart, ``confidence`` the probability that the verdict is right,
-    ``single`` that one effect of the library is the whole cause.
+    ``single`` that one effect of the library is the whole cause, ``block`` where it is known
+    to be, whatever it is.
     """
 
     word: str
@@ -124,11 +150,12 @@ class Verdict:
     reason: str
     confidence: float
     single: float
+    block: str | None = None
 
 
 def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure: float,
            classes: list[list[str]], thresholds: Thresholds = DEFAULTS,
-           kin: Collection[frozenset[str]] = ()) -> Verdict:
+           kin: Collection[frozenset[str]] = (), cut: Cut | None = None) -> Verdict:
     """
     Say what the scores mean.
 
@@ -153,14 +180,22 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     best = singles[0]
     chance = probabilities(singles, t, classes)
     explained = max(best.removed, 1.0 - best.left)
+    if cut is not None:
+        if not cut.known:
+            return Verdict('UNKNOWN', (), (), 'no effect of the drive explains what is wrong with '
+                           'the voltage at the terminals', t.unknown, 1.0 - t.unknown, 'drive')
+        for pair in pairs:
+            if pair.name == cut.pair and pair.second > t.hint:
+                sure = pair.odds(t.two)
+                return Verdict('MULTIPLE', _by_rank(pair, singles), (), _why_behind(cut),
+                               sure, 1.0 - sure)
+        pairs = [pair for pair in pairs if cut.allows(pair)]
     for pair in pairs:
         if (_counts(best, pair, t, kin)
                 and not _is_in_the_shade(best, pair, pairs, t, kin)
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
-            ranks = {single.name: rank for rank, single in enumerate(singles)}
-            both = sorted(pair.name.split('+'), key=lambda name: ranks.get(name, len(ranks)))
-            return Verdict('MULTIPLE', tuple(both), (),
+            return Verdict('MULTIPLE', _by_rank(pair, singles), (),
                            _why_two(best, pair, pairs, t), sure, 1.0 - sure)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
     if not clear and (best.gain < t.detect + 2.0 * best.parameters or explained < t.explained):
@@ -185,6 +220,23 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     return Verdict('CAUSE', (best.name,), (best.name,), f'{words(best.name)} removes '
                    f'{_percent(best.removed)} of the removable gap and nothing else comes '
                    'close', among, sure)
+
+
+def _by_rank(pair: Ranked, singles: list[Ranked]) -> tuple[str, ...]:
+    """Return the two effects of a pair, the stronger first."""
+    ranks = {single.name: rank for rank, single in enumerate(singles)}
+    return tuple(sorted(pair.name.split('+'), key=lambda name: ranks.get(name, len(ranks))))
+
+
+def _why_behind(cut: Cut) -> str:
+    """Return why two effects are believed in that lie on two sides of the terminals."""
+    first, second = sorted(cut.pair.split('+'), key=lambda name: EFFECTS[name].block != 'drive')
+    reason = (f'{words(first)} is what is wrong with the voltage at the terminals; driven by the '
+              f'measured voltage the rest has a gap, too, of which {words(second)} removes '
+              f'{_percent(cut.removed)}')
+    if cut.others:
+        reason += f' (so would {" or ".join(words(name) for name in cut.others)})'
+    return reason
 
 
 def _why_two(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds) -> str:

@@ -1,0 +1,267 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What lies behind the terminals, whatever the driver makes of the command.
+
+Where the voltage was measured the model is cut there: driven by what really was
+at its terminals, the rest of it answers without the driver's error, and so does
+a second effect behind it, however loud the form of the first is.
+
+Between two rows the voltage was not measured.  There it is what the fitted
+driver makes of the command plus what stands above the sensor's noise of the
+difference at the rows; what that may be wrong by is counted as noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.candidates import polish, Search, search_singles
+from piezo_stack_sim.gap.decision import Decision, decide_search
+from piezo_stack_sim.gap.evidence import Evidence, prepare, Track
+from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
+from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
+from piezo_stack_sim.gap.isolability import isolability
+from piezo_stack_sim.gap.pairs import add_pair
+from piezo_stack_sim.gap.score import Judge
+from piezo_stack_sim.gap.starts import Extent, extent_of
+from piezo_stack_sim.gap.verdict import Cut, Thresholds
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording.recording import Recording
+from scipy.ndimage import convolve1d
+
+DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive')
+BEHIND = tuple(name for name in EFFECTS if name not in DRIVE)
+STANDS_OUT = 4.0  # standard deviations of a wavelet coefficient from which it is no noise
+COARSEST = 16  # rows of the coarsest wavelet, of all rows at least this part
+SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+FINE = 4  # parts of a row in which the voltage between rows is filled in, to see what it matters
+LEADING = 2  # effects of the drive whose numbers by the voltage alone are tried
+POLISHED = 3  # effects that are fitted to the end before they are judged
+
+
+@dataclass(frozen=True)
+class Part:
+    """What was fitted to a part of the chain, and what follows for it."""
+
+    search: Search
+    decision: Decision
+
+    @property
+    def best(self) -> Fit:
+        """Return the fit of the best effect."""
+        return self.search.fits[self.decision.singles[0].name]
+
+
+@dataclass(frozen=True)
+class Terminals:
+    """
+    Both sides of the terminals.
+
+    ``before`` is the drive, by the measured voltage alone, ``behind`` the rest, driven by that.
+    """
+
+    before: Part
+    behind: Part
+
+    def join(self, fitter: Fitter, search: Search, thresholds: Thresholds,
+             progress: Callable[[str], None]) -> Cut:
+        """
+        Return what follows for the whole chain.
+
+        Parameters
+        ----------
+        fitter : Fitter
+            With which all effects were fitted to the whole chain.
+        search : Search
+            What was fitted; where two effects are found, the pair goes there.
+        thresholds : Thresholds
+            What was learned on the development set.
+        progress : callable
+            Called with a sentence at every stage.
+
+        """
+        if self.before.decision.verdict.word in ('UNKNOWN', 'NO_GAP'):
+            return Cut(known=False)
+        singles = self.behind.decision.singles
+        supported = frozenset(each.name for each in singles if each.gain > thresholds.second)
+        best = singles[0]
+        removed = max(best.removed, 1.0 - best.left)
+        if (not self.behind.decision.verdict.selected or best.gain < thresholds.second
+                or removed < thresholds.behind
+                or self.behind.decision.structure < thresholds.excess):
+            return Cut(known=True, supported=supported)
+        progress('fitting what both sides of the terminals told')
+        second = self.behind.best
+        pair = add_pair(fitter, search, {**self.before.best.effects, **second.effects}, second.phi)
+        others = self.behind.decision.verdict.tie[1:]
+        return Cut(True, pair, removed, others, supported)
+
+
+def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
+                      progress: Callable[[str], None]) -> Terminals | None:
+    """
+    Diagnose both sides of the terminals, each by itself.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        With which all effects were fitted to the whole chain.
+    search : Search
+        What was fitted; what the voltage alone told of the drive goes there.
+    thresholds : Thresholds
+        What was learned on the development set.
+    progress : callable
+        Called with a sentence at every stage.
+
+    Returns
+    -------
+    Terminals or None
+        None if nothing is wrong with the voltage, or nobody measured it with anything else.
+
+    """
+    evidence = fitter.evidence
+    tracks = tuple(replace(track, measured={'voltage': track.measured['voltage']})
+                   for track in evidence.tracks if _is_cut(track))
+    if not tracks:
+        return None
+    alone = replace(evidence, tracks=tracks)
+    at = np.concatenate([np.full(where.stop - where.start,
+                                 channel == 'voltage' and _is_cut(evidence.tracks[i]))
+                         for (i, channel), where in zip(evidence.keys, spans(evidence))])
+    left = search.nominal.residual[at]
+    if Judge.from_residual(alone, left, left).structure(left) < thresholds.excess:
+        return None
+    progress('looking at the measured voltage')
+    extent = extent_of(evidence, fitter.base, spans(evidence))
+    known = {name: search.fits[name] for name in DRIVE}
+    before = _diagnosed(fitter.device, alone, extent, DRIVE, known, thresholds, progress)
+    for ranked in before.decision.singles[:LEADING]:
+        found = before.search.fits[ranked.name]
+        fit = fitter.fit(found.effects, search.fits[ranked.name].phi, STEPS)
+        if fit.cost < search.fits[ranked.name].cost:
+            search.fits[ranked.name] = fit
+    progress('looking behind the measured voltage')
+    driver = fitter.device_with(before.best.effects, before.best.phi)
+    ideal = fitter.device.replace(effects={
+        name: values for name, values in fitter.device.effects.items() if name not in DRIVE})
+    behind = _cut(evidence, driver, ideal)
+    return Terminals(before, _diagnosed(ideal, behind, None, BEHIND, {}, thresholds, progress))
+
+
+def _diagnosed(device: Device, evidence: Evidence, extent: Extent | None, names: Collection[str],
+               known: dict[str, Fit], thresholds: Thresholds, progress: Callable[[str], None]
+               ) -> Part:
+    """Return what some effects explain of a part of the chain; ``known`` are places to start."""
+    fitter = Fitter(device, evidence)
+    fitter.prepare(parallel)
+    search = search_singles(
+        fitter, extent or extent_of(evidence, fitter.base, spans(evidence)), progress, names)
+
+    def again(name):
+        return name, fitter.fit(known[name].effects, search.nominal.phi, STEPS)
+
+    for name, fit in parallel(again, known):
+        if fit.cost < search.fits[name].cost:
+            search.fits[name] = fit
+    polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
+    judge = Judge.from_residual(
+        evidence, min(search.fits.values(), key=lambda fit: fit.cost).residual,
+        search.nominal.residual)
+    return Part(search, decide_search(fitter, search, judge, 1.0, isolability(fitter, search),
+                                      thresholds))
+
+
+def _is_cut(track: Track) -> bool:
+    return track.recording.drive == 'voltage' and len(track.measured) > 1 and (
+        'voltage' in track.measured)
+
+
+def _cut(evidence: Evidence, driver: Device, ideal: Device) -> Evidence:
+    """Return the evidence of what lies behind the terminals, driven by their voltage."""
+    kept = [track for track in evidence.tracks
+            if _is_cut(track) or track.recording.drive in ('open', 'shorted')]
+
+    def one(track):
+        return _driven(track, driver) if _is_cut(track) else (track.recording, None)
+
+    pairs = parallel(one, kept)
+    recordings = [recording for recording, _ in pairs]
+    simulated = simulate_set(ideal, recordings)
+    new = prepare(recordings, simulated)
+    tracks = []
+    for track, (recording, finer), answer in zip(new.tracks, pairs, simulated):
+        if finer is not None:
+            # What may be wrong between the rows counts as noise.
+            fine = simulate_channels(ideal, finer)
+            track = replace(track, sigma={
+                channel: math.hypot(sigma, float(np.std(track.average(
+                    fine[channel][::FINE] - answer[channel]))))
+                for channel, sigma in track.sigma.items()})
+        tracks.append(track)
+    return replace(new, tracks=tuple(tracks))
+
+
+def _driven(track: Track, driver: Device) -> tuple[Recording, Recording]:
+    """
+    Return a recording driven by its measured voltage, and another way to fill that in.
+
+    The first holds from each row the voltage in the middle between it and the next, the second
+    has ``FINE`` rows for one and holds what the fitted driver misses.
+    """
+    recording = track.recording
+    rows = np.arange(len(recording))
+    parts = 2 * FINE
+    fine = np.arange((len(recording) - 1) * parts + 1) / parts
+    time = np.interp(fine, rows, recording.time)
+    held = fine.astype(int)
+    force = recording.external_force[held]
+    driven = simulate(driver, time, recording.command[held], force, 'voltage').voltage
+    missed = above_noise(recording.measured['voltage'] - driven[::parts],
+                         track.zero['voltage'])
+    between = driven + np.interp(fine, rows, missed)
+    steps = driven + missed[np.minimum(held + 1, rows[-1])]
+    measured = {c: v for c, v in recording.measured.items() if c != 'voltage'}
+    coarse = np.append(between[FINE::parts], between[-1])
+    return recording.replace(command=coarse, measured=measured), Recording(
+        recording.name, time[::2], 'voltage', np.append(steps[1::2], steps[-1]), force[::2])
+
+
+def above_noise(values: np.ndarray, noise: float) -> np.ndarray:
+    """
+    Return what of a signal stands above white noise: its wavelet coefficients that do.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        The signal with its noise.
+    noise : float
+        Standard deviation of the noise, in the same unit.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Zero where nothing but noise was there.  The wavelets are those of the
+        undecimated B3 spline transform (Starck and Murtagh 2006, section 2.3).
+
+    """
+    def clear(part, impulse):
+        loud = np.abs(part) > STANDS_OUT * noise * np.linalg.norm(impulse)
+        return np.where(loud, part, 0.0)
+
+    result = np.zeros_like(values)
+    impulse = np.zeros(values.size)
+    impulse[values.size // 2] = 1.0
+    scale = 1
+    while scale * COARSEST < values.size:
+        spline = np.zeros(4 * scale + 1)
+        spline[::scale] = SPLINE
+        smooth = convolve1d(values, spline, mode='nearest')
+        blurred = convolve1d(impulse, spline, mode='constant')
+        result += clear(values - smooth, impulse - blurred)
+        values, impulse, scale = smooth, blurred, 2 * scale
+    return result + clear(values, impulse)
