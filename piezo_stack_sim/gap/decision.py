@@ -126,12 +126,13 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
 
 
 def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thresholds,
-                 progress: Callable[[str], None]) -> None:
+                 progress: Callable[[str], None], cut: Cut | None = None) -> None:
     """Fit second effects beside the best, where these leave something that they could explain."""
+    names = [name for name in EFFECTS if cut is None or cut.allows(name)]
     best = _singles(search, judge, Removable(judge.evidence, search.nominal.residual))[0]
     if best.gain > thresholds.detect and best.excess > thresholds.leftover:
-        search_partners(fitter, search, best.name, progress)
-        exchange(fitter, search, progress)
+        search_partners(fitter, search, best.name, progress, names)
+        exchange(fitter, search, progress, names)
         polish_pairs(fitter, search)
 
 

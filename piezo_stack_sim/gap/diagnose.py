@@ -122,8 +122,8 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     cut = None
     if terminals is not None:
         cut = terminals.join(fitter, search, thresholds, progress)
-    if cut is None or not cut.pair and cut.known:
-        search_pairs(fitter, search, judge, thresholds, progress)
+    if cut is None or cut.known and not cut.pair:
+        search_pairs(fitter, search, judge, thresholds, progress, cut)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)

@@ -13,7 +13,7 @@ known in no cell.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -41,9 +41,10 @@ ACTS = 0.3  # power of what an effect does, against what is left, from which it 
 
 
 def search_partners(fitter: Fitter, search: Search, base: str,
-                    progress: Callable[[str], None], pair: Fit | None = None) -> None:
+                    progress: Callable[[str], None], names: Collection[str] = tuple(EFFECTS),
+                    pair: Fit | None = None) -> None:
     """
-    Fit pairs of ``base`` and every other effect that promises something.
+    Fit pairs of ``base`` and every other effect of ``names`` that promises something.
 
     What the form of ``base`` misses is mostly louder than a second effect: every cell of time
     and frequency is weighed by what ``base`` leaves in it.  ``pair`` is a pair with it, if there
@@ -59,8 +60,9 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     weighed = fitter.through(whitened(cells, fit.residual))
     partners, plain = (PARTNERS, PLAIN_PARTNERS) if pair is None else (EXCHANGED, PLAIN_EXCHANGED)
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
-    chosen = _promises(weighed, search, base, fit)[:partners]
-    chosen += [place for place in _promises(fitter, search, base, fit)[:plain]
+    others = [name for name in names if name != base]
+    chosen = _promises(weighed, search, others, fit)[:partners]
+    chosen += [place for place in _promises(fitter, search, others, fit)[:plain]
                if place[0] not in dict(chosen)]
 
     def whole(place):
@@ -118,28 +120,28 @@ def _alone(fitter: Fitter, cells: Cells, base: str, pair: Fit) -> Fit:
     return _settled(fitter, cells, start, FIRST_WEIGHINGS)
 
 
-def _promises(fitter: Fitter, search: Search, base: str, fit: Fit
+def _promises(fitter: Fitter, search: Search, names: Collection[str], fit: Fit
               ) -> list[tuple[str, dict[str, float]]]:
     """Return second effects with a place to start, those first that promise most."""
     fit = replace(fit, view=None)  # through the lens of this fitter
     promises = []
-    for name, probes in search.probes.items():
-        if name != base:
-            places = [_promise(fitter, fit, probe) for probe in probes]
-            most = max(gain for gain, _, _ in places)
-            # Of places that promise alike, the one from which it is not far.
-            alike = [place for place in places if place[0] >= most - SLACK * abs(most)]
-            promises.append((most, name, min(alike, key=lambda place: place[1])[2]))
+    for name in names:
+        places = [_promise(fitter, fit, probe) for probe in search.probes[name]]
+        most = max(gain for gain, _, _ in places)
+        # Of places that promise alike, the one from which it is not far.
+        alike = [place for place in places if place[0] >= most - SLACK * abs(most)]
+        promises.append((most, name, min(alike, key=lambda place: place[1])[2]))
     promises.sort(key=lambda promise: -promise[0])
     return [(name, place) for _, name, place in promises]
 
 
-def exchange(fitter: Fitter, search: Search, progress: Callable[[str], None]) -> None:
+def exchange(fitter: Fitter, search: Search, progress: Callable[[str], None],
+             names: Collection[str]) -> None:
     """Keep the second effect of the best pair, and look for another first one beside it."""
     best = max(_hopeful(search), key=lambda name: search.merits[name].product, default='')
     for other in filter(None, best.split('+')):
         if other not in search.bases:
-            search_partners(fitter, search, other, progress, search.fits[best])
+            search_partners(fitter, search, other, progress, names, search.fits[best])
 
 
 def polish_pairs(fitter: Fitter, search: Search) -> None:

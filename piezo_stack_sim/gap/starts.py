@@ -151,8 +151,10 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
             edge = extent.voltage[1] if parameter.neutral > 0 else extent.voltage[0]
             span = extent.voltage[1] - extent.voltage[0]
             inward = -1.0 if parameter.neutral > 0 else 1.0
-            return inside([edge + inward * part * span for part in (0.03, 0.15)]
-                          ) if parameter.magnitude else [parameter.neutral]
+            # One end may be met and the other not.
+            return [parameter.neutral, *inside([edge + inward * part * span
+                                                for part in (0.03, 0.15)])
+                    ] if parameter.magnitude else [parameter.neutral]
         if unit == 'm':
             return inside([part * extent.displacement for part in (0.95, 0.8, 0.5)])
         if unit == 'A':

@@ -21,14 +21,14 @@ import math
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import polish, Search, search_singles
-from piezo_stack_sim.gap.decision import Decision, decide_search
+from piezo_stack_sim.gap.decision import decide_search, Decision
 from piezo_stack_sim.gap.evidence import Evidence, prepare, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.pairs import add_pair
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.starts import Extent, extent_of
+from piezo_stack_sim.gap.starts import extent_of
 from piezo_stack_sim.gap.verdict import Cut, Thresholds
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.recording import Recording
@@ -36,6 +36,7 @@ from scipy.ndimage import convolve1d
 
 DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive')
 BEHIND = tuple(name for name in EFFECTS if name not in DRIVE)
+UNMISTAKABLE = 0.5  # excess over the noise power that no effect need explain to be a gap
 STANDS_OUT = 4.0  # standard deviations of a wavelet coefficient from which it is no noise
 COARSEST = 16  # rows of the coarsest wavelet, of all rows at least this part
 SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -55,6 +56,12 @@ class Part:
     def best(self) -> Fit:
         """Return the fit of the best effect."""
         return self.search.fits[self.decision.singles[0].name]
+
+    @property
+    def explained(self) -> float:
+        """Return the part of the gap that this removes."""
+        best = self.decision.singles[0]
+        return max(best.removed, 1.0 - best.left)
 
 
 @dataclass(frozen=True)
@@ -85,13 +92,12 @@ class Terminals:
             Called with a sentence at every stage.
 
         """
-        if self.before.decision.verdict.word in ('UNKNOWN', 'NO_GAP'):
+        if self.before.explained < thresholds.drive:
             return Cut(known=False)
         singles = self.behind.decision.singles
         supported = frozenset(each.name for each in singles if each.gain > thresholds.second)
-        best = singles[0]
-        removed = max(best.removed, 1.0 - best.left)
-        if (not self.behind.decision.verdict.selected or best.gain < thresholds.second
+        removed = self.behind.explained
+        if (not self.behind.decision.verdict.selected or singles[0].gain < thresholds.second
                 or removed < thresholds.behind
                 or self.behind.decision.structure < thresholds.excess):
             return Cut(known=True, supported=supported)
@@ -121,7 +127,8 @@ def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
     Returns
     -------
     Terminals or None
-        None if nothing is wrong with the voltage, or nobody measured it with anything else.
+        None if nothing is clearly wrong with the voltage, or nobody measured it with
+        anything else.
 
     """
     evidence = fitter.evidence
@@ -137,9 +144,10 @@ def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
     if Judge.from_residual(alone, left, left).structure(left) < thresholds.excess:
         return None
     progress('looking at the measured voltage')
-    extent = extent_of(evidence, fitter.base, spans(evidence))
     known = {name: search.fits[name] for name in DRIVE}
-    before = _diagnosed(fitter.device, alone, extent, DRIVE, known, thresholds, progress)
+    before = _diagnosed(fitter.device, alone, DRIVE, known, thresholds, progress)
+    if before.explained < thresholds.drive and before.decision.structure < UNMISTAKABLE:
+        return None  # it may be the sensor's noise after all
     for ranked in before.decision.singles[:LEADING]:
         found = before.search.fits[ranked.name]
         fit = fitter.fit(found.effects, search.fits[ranked.name].phi, STEPS)
@@ -150,17 +158,17 @@ def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
     ideal = fitter.device.replace(effects={
         name: values for name, values in fitter.device.effects.items() if name not in DRIVE})
     behind = _cut(evidence, driver, ideal)
-    return Terminals(before, _diagnosed(ideal, behind, None, BEHIND, {}, thresholds, progress))
+    return Terminals(before, _diagnosed(ideal, behind, BEHIND, {}, thresholds, progress))
 
 
-def _diagnosed(device: Device, evidence: Evidence, extent: Extent | None, names: Collection[str],
+def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],
                known: dict[str, Fit], thresholds: Thresholds, progress: Callable[[str], None]
                ) -> Part:
     """Return what some effects explain of a part of the chain; ``known`` are places to start."""
     fitter = Fitter(device, evidence)
     fitter.prepare(parallel)
     search = search_singles(
-        fitter, extent or extent_of(evidence, fitter.base, spans(evidence)), progress, names)
+        fitter, extent_of(evidence, fitter.base, spans(evidence)), progress, names)
 
     def again(name):
         return name, fitter.fit(known[name].effects, search.nominal.phi, STEPS)

@@ -42,6 +42,7 @@ class Thresholds:
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave
     alike_form: float = 0.05  # part of the gain by which the form may mislead between such two
+    drive: float = 0.35  # part of what is wrong with the voltage that an effect must remove
     behind: float = 0.75  # part of the gap behind the terminals that a second effect must remove
     hint: float = 5.0  # and nats by which it must show with the simulated voltage, too
     too_many: int = 9  # effects in a set from which nothing is identified
@@ -127,10 +128,9 @@ class Cut:
     others: tuple[str, ...] = ()
     supported: frozenset[str] = frozenset()
 
-    def allows(self, pair: Ranked) -> bool:
-        """Tell whether both of a pair have something to explain on their side of the cut."""
-        return all(EFFECTS[name].block == 'drive' or name in self.supported
-                   for name in pair.name.split('+'))
+    def allows(self, effect: str) -> bool:
+        """Tell whether a second effect could explain anything on its side of the terminals."""
+        return EFFECTS[effect].block == 'drive' or effect in self.supported
 
 
 @dataclass(frozen=True)
@@ -174,6 +174,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         What was learned on the development set.
     kin : collection of frozenset of str
         Pairs of effects that resemble each other.
+    cut : Cut, optional
+        What a look at both sides of the terminals told.
 
     """
     t = thresholds
@@ -189,7 +191,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                 sure = pair.odds(t.two)
                 return Verdict('MULTIPLE', _by_rank(pair, singles), (), _why_behind(cut),
                                sure, 1.0 - sure)
-        pairs = [pair for pair in pairs if cut.allows(pair)]
+        pairs = [pair for pair in pairs if all(map(cut.allows, pair.name.split('+')))]
     for pair in pairs:
         if (_counts(best, pair, t, kin)
                 and not _is_in_the_shade(best, pair, pairs, t, kin)
@@ -282,8 +284,7 @@ def _counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset
 
 
 def _are_relatives(pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
-    names = pair.name.split('+')
-    return frozenset(names) in kin or len({EFFECTS[name].block for name in names}) == 1
+    return frozenset(pair.name.split('+')) in kin
 
 
 def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds,

@@ -1,0 +1,99 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The model cut at its terminals: the driver by its voltage, the rest by what that drives."""
+
+import numpy as np
+from piezo_stack_sim.gap import diagnose_set
+from piezo_stack_sim.gap.terminals import above_noise
+from piezo_stack_sim.gap.verdict import Cut, decide, Ranked
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording import programmes
+from piezo_stack_sim.recording.recording import RecordingSet
+import pytest
+from scipy.signal import butter, lfilter
+
+NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
+FINER = 10
+
+
+def slow(command, period):
+    """Return the output of a driver with two equal poles at 150 Hz, which no effect has."""
+    pole = butter(1, 150.0, fs=1.0 / period)
+    return lfilter(*pole, lfilter(*pole, command))
+
+
+def coarse(command, _):
+    """Return the output of a driver that has lost its lower bits."""
+    return 0.5 * np.round(command / 0.5)
+
+
+def a_set(device, driver):
+    """Return recordings with white noise of a device behind a driver of any form."""
+    random, recordings = np.random.default_rng(11), []
+    for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine(),
+                      programmes.steps(hold=2.0)):
+        rows = np.arange(len(programme))
+        fine = np.arange(rows[-1] * FINER + 1)
+        time = np.interp(fine / FINER, rows, programme.time)
+        voltage = driver(programme.command[fine // FINER], time[1] - time[0])
+        answer = simulate(device, time, voltage, drive='voltage')
+        measured = {name: getattr(answer, name)[::FINER] for name in NOISE}
+        recordings.append(programme.replace(measured={
+            name: values + NOISE[name] * random.standard_normal(rows.size)
+            for name, values in measured.items()}))
+    return RecordingSet('bench', tuple(recordings))
+
+
+def test_white_noise_is_taken_away_and_a_step_is_not():
+    random = np.random.default_rng(3)
+    noise = 1e-3 * random.standard_normal(5000)
+    assert np.std(above_noise(noise, 1e-3)) < 0.1e-3
+    step = np.where(np.arange(5000) < 2000, 0.0, 0.05)
+    left = above_noise(noise + step, 1e-3) - step
+    assert np.std(left) < 0.5e-3
+    assert np.abs(left).max() < 5e-3
+
+
+def test_an_effect_behind_a_driver_of_another_form_is_found():
+    device = Device.nominal().with_effects({'mount_creep': {'gain_per_decade': 0.01}})
+    found = diagnose_set(a_set(device, slow), Device.nominal(), traces=False).document
+    assert found['verdict'] == 'MULTIPLE'
+    assert set(found['selected']) == {'amplifier_bandwidth', 'mount_creep'}
+    assert 'at the terminals' in found['reason']
+
+
+def test_nothing_is_found_behind_such_a_driver_where_nothing_is():
+    found = diagnose_set(a_set(Device.nominal(), slow), Device.nominal(), traces=False).document
+    assert found['selected'] == ['amplifier_bandwidth']
+
+
+def test_a_driver_that_no_effect_explains_is_unknown_and_its_block_known():
+    found = diagnose_set(a_set(Device.nominal(), coarse), Device.nominal(), traces=False).document
+    assert found['verdict'] == 'UNKNOWN'
+    assert found['where']['block'] == 'drive'
+    assert found['selected'] == []
+
+
+@pytest.fixture
+def fits():
+    singles = [Ranked('amplifier_gain', 5000.0, 0.9, 2, left=0.5, excess=50.0),
+               Ranked('creep', 900.0, 0.1, 2, left=0.9, excess=90.0)]
+    pairs = [Ranked('amplifier_gain+creep', 5400.0, 0.99, 4, left=0.01, second=300.0, part=0.8,
+                    over=300.0)]
+    return singles, pairs, 1.0, 500.0, []
+
+
+def test_a_second_effect_must_explain_something_behind_the_terminals(fits):
+    assert decide(*fits).word == 'MULTIPLE'
+    assert decide(*fits, cut=Cut(True)).selected == ('amplifier_gain',)
+    assert decide(*fits, cut=Cut(True, supported=frozenset({'creep'}))).word == 'MULTIPLE'
+
+
+def test_what_both_sides_of_the_terminals_tell_needs_a_hint_in_the_whole_only(fits):
+    weak = [Ranked('amplifier_gain+creep', 5010.0, 0.91, 4, left=0.5, second=12.0, part=0.1)]
+    cut = Cut(True, 'amplifier_gain+creep', 0.9, ('mount_creep',))
+    found = decide(fits[0], weak, *fits[2:], cut=cut)
+    assert found.selected == ('amplifier_gain', 'creep')
+    assert 'mount creep' in found.reason
+    none = [Ranked('amplifier_gain+creep', 5000.0, 0.9, 4, left=0.5, second=1.0)]
+    assert decide(fits[0], none, *fits[2:], cut=cut).selected == ('amplifier_gain',)
