@@ -89,6 +89,20 @@ def test_right_answers_score_full(tmp_path):
     json.dumps(result)
 
 
+def test_a_bar_counts_the_sets_with_the_channels_it_is_set_for():
+    answer = {'verdict': 'AMBIGUOUS', 'selected': ['creep'],
+              'ambiguity_set': ['creep', 'mount_creep'], 'where': {'block': 'electrical'}}
+    full = label('one', ['mount_creep'])
+    row = judge(full, answer)
+    assert row['effect_full'] is False and row['block_full'] is False
+    assert row['covered_bare'] is None
+    row = judge({**full, 'channels': ['displacement']}, answer)
+    assert row['effect_full'] is None and row['block_full'] is None
+    assert row['covered_bare'] is True
+    pair = judge(label('two', ['creep', 'friction']), answer)
+    assert pair['effect_full'] is None and pair['block_full'] is None
+
+
 def test_one_answer_for_everything_scores_what_it_deserves(tmp_path):
     """Naming creep always is right once, and overconfident."""
     rates = (result := score(answered(tmp_path, blind)))['rates']

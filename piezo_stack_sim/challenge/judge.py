@@ -87,25 +87,28 @@ def judge(label, answer, shrinkage=None):
     lookalikes = {name for effect in label['effects'] for name in effect['lookalikes']}
     ranked = first(answer)
     top = stated(answer)
+    full, bare = len(label['channels']) == 3, label['channels'] == ['displacement']
+    hit, right_block = names[:1] == tuple(truth), block in {BLOCK[name] for name in truth}
     row = {
         'kind': kind, 'hidden': truth, 'verdict': verdict,
         'channels': '+'.join(label['channels']), 'magnitude': magnitude(label),
         'unit': unit(label),
         'detected': verdict != 'NO_GAP' if truth else None,
         'false_alarm': verdict != 'NO_GAP' if not truth else None,
-        'effect': names[:1] == tuple(truth) if one else None,
+        'effect': hit if one else None,
+        'effect_full': hit if one and full else None,
         'ranked_first': ranked[:1] == tuple(truth) if one else None,
-        'block': block == BLOCK[truth[0]] if one or absent else (
-            block in {BLOCK[name] for name in truth} if two else None),
+        'block': right_block if truth else None,
+        'block_full': right_block if one and full else None,
         'covered': truth[0] in open_set if one else None,
+        'covered_bare': truth[0] in open_set if one and bare else None,
         'set_size': len(open_set) if one and open_set else None,
         'both': set(truth) <= (set(names) | set(answer.get('selected') or ())) if two else None,
         'either': bool(set(truth) & open_set | set(truth) & set(names)) if two else None,
         'unknown': verdict == 'UNKNOWN' if absent else None,
         'unknown_or_lookalike': (verdict == 'UNKNOWN' or bool(lookalikes & open_set)
                                  if absent else None),
-        'unknown_block': (verdict == 'UNKNOWN' and block == BLOCK[truth[0]]
-                          if absent else None),
+        'unknown_block': verdict == 'UNKNOWN' and right_block if absent else None,
         'false_unknown': verdict == 'UNKNOWN' if one or two else None,
         'right': right(kind, truth, verdict, names, open_set),
         'answered': names[0] if names else verdict,

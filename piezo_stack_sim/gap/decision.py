@@ -37,6 +37,7 @@ class Decision:
     structure: float
     alike: Alike
     verdict: Verdict
+    cut: Cut | None = None
 
     def chosen(self, search: Search) -> Fit:
         """Return the fit of what was selected; the nominal one if nothing was."""
@@ -176,4 +177,4 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     structure = judge.structure(search.nominal.residual)
     verdict = decide(singles, pairs, ceiling, structure, alike.classes, thresholds, alike.kin,
                      cut)
-    return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict)
+    return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

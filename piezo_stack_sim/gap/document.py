@@ -80,7 +80,7 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         'warnings': _warnings(chosen, verdict),
         'baselines': _baselines(decision.singles, search, fitter, judge),
         'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
-                'steps': _steps(evidence, search)},
+                'steps': _steps(evidence, search, decision)},
     }
 
 
@@ -167,7 +167,7 @@ def _warnings(fit: Fit, verdict) -> list[str]:
     return notes
 
 
-def _steps(evidence: Evidence, search: Search) -> list[str]:
+def _steps(evidence: Evidence, search: Search, decision: Decision) -> list[str]:
     simulations = search.nominal.simulations + sum(f.simulations for f in search.fits.values())
     return [
         'preflight of the recordings',
@@ -176,5 +176,7 @@ def _steps(evidence: Evidence, search: Search) -> list[str]:
         f'{len([n for n in search.fits if "+" not in n])} effects and '
         f'{len([n for n in search.fits if "+" in n])} pairs fitted by simulation error on '
         f'alternating stretches ({simulations} simulations of the set)',
+        *(() if decision.cut is None else (
+            'the drive fitted to the measured voltage alone, the rest driven by that voltage',)),
         'hypotheses judged on the stretches that were withheld',
     ]
