@@ -4,8 +4,8 @@
 
 import numpy as np
 from piezo_stack_sim.gap import diagnose_set
-from piezo_stack_sim.gap.terminals import above_noise
 from piezo_stack_sim.gap.verdict import Cut, decide, Ranked
+from piezo_stack_sim.gap.voltage import above_noise
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet

@@ -134,7 +134,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     devices = fitter.devices_of(chosen)
     after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))
     result = build_document(recordings.name, findings, fitter, search, decision, before, after,
-                            flexible, thresholds)
+                            flexible, thresholds, terminals and terminals.tuned)
     if ablate:
         result['baselines'] |= ablations(search, fitter, judge, verdict, lambda other, by: (
             decide_search(fitter, other, by, ceiling, alike, thresholds, cut).verdict))

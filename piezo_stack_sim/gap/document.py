@@ -29,7 +29,7 @@ UNNAMED = ('UNKNOWN', 'NOT_IDENTIFIABLE')  # verdicts that name no cause, but a 
 
 def build_document(name: str, findings, fitter: Fitter, search: Search, decision: Decision,
                    before: list[dict], after: list[dict], flexible: np.ndarray,
-                   thresholds: Thresholds) -> dict:
+                   thresholds: Thresholds, behind: np.ndarray | None = None) -> dict:
     """
     Return the diagnosis as plain data.
 
@@ -51,11 +51,13 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         Residual that a flexible correction leaves.
     thresholds : Thresholds
         What was learned on the development set.
+    behind : ndarray, shape (p,), optional
+        Deviations of the nominal parameters behind the terminals, if tuned by themselves.
 
     """
     evidence, judge, verdict = fitter.evidence, decision.judge, decision.verdict
     chosen = decision.chosen(search)
-    place, why = _where_part(fitter, search, verdict, decision.singles)
+    place, why = _where_part(fitter, search, verdict, decision.singles, behind)
     return {
         'schema': 'piezo_stack_sim/diagnosis/1',
         'verdict': verdict.word,
@@ -84,13 +86,14 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
     }
 
 
-def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[Ranked]
-                ) -> tuple[dict, str]:
+def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[Ranked],
+                behind: np.ndarray | None) -> tuple[dict, str]:
     """Return where the gap is, with the model cut at its ports, and what else tells the block."""
     evidence = fitter.evidence
     tuned = fitter.device_with({}, search.nominal.phi)
     cuts = where.block_residuals(
-        tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]))
+        tuned, evidence, simulate_set(tuned, [track.recording for track in evidence.tracks]),
+        None if behind is None else fitter.device_with({}, behind))
     suspect = None
     if verdict.word in UNNAMED and verdict.block is None:
         suspect = suspect_knocks(cuts) or suspect_block(cuts)

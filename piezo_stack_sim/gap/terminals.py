@@ -6,10 +6,6 @@ What lies behind the terminals, whatever the driver makes of the command.
 Where the voltage was measured the model is cut there: driven by what really was
 at its terminals, the rest of it answers without the driver's error, and so does
 a second effect behind it, however loud the form of the first is.
-
-Between two rows the voltage was not measured.  There it is what the fitted
-driver makes of the command plus what stands above the sensor's noise of the
-difference at the rows; what that may be wrong by is counted as noise.
 """
 
 from __future__ import annotations
@@ -30,17 +26,12 @@ from piezo_stack_sim.gap.pairs import add_pair
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.starts import extent_of
 from piezo_stack_sim.gap.verdict import Cut, Thresholds
-from piezo_stack_sim.plant import Device, simulate
-from piezo_stack_sim.recording.recording import Recording
-from scipy.ndimage import convolve1d
+from piezo_stack_sim.gap.voltage import driven_by_voltage, FINE
+from piezo_stack_sim.plant import Device
 
 DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive')
 BEHIND = tuple(name for name in EFFECTS if name not in DRIVE)
 UNMISTAKABLE = 0.5  # excess over the noise power that no effect need explain to be a gap
-STANDS_OUT = 4.0  # standard deviations of a wavelet coefficient from which it is no noise
-COARSEST = 16  # rows of the coarsest wavelet, of all rows at least this part
-SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-FINE = 4  # parts of a row in which the voltage between rows is filled in, to see what it matters
 LEADING = 2  # effects of the drive whose numbers by the voltage alone are tried
 POLISHED = 3  # effects that are fitted to the end before they are judged
 
@@ -74,6 +65,11 @@ class Terminals:
 
     before: Part
     behind: Part
+
+    @property
+    def tuned(self) -> np.ndarray:
+        """Return the deviations (p,) of the nominal parameters behind the terminals."""
+        return self.behind.search.nominal.phi
 
     def join(self, fitter: Fitter, search: Search, thresholds: Thresholds,
              progress: Callable[[str], None]) -> Cut:
@@ -195,7 +191,7 @@ def _cut(evidence: Evidence, driver: Device, ideal: Device) -> Evidence:
             if _is_cut(track) or track.recording.drive in ('open', 'shorted')]
 
     def one(track):
-        return _driven(track, driver) if _is_cut(track) else (track.recording, None)
+        return driven_by_voltage(track, driver) if _is_cut(track) else (track.recording, None)
 
     pairs = parallel(one, kept)
     recordings = [recording for recording, _ in pairs]
@@ -212,64 +208,3 @@ def _cut(evidence: Evidence, driver: Device, ideal: Device) -> Evidence:
                 for channel, sigma in track.sigma.items()})
         tracks.append(track)
     return replace(new, tracks=tuple(tracks))
-
-
-def _driven(track: Track, driver: Device) -> tuple[Recording, Recording]:
-    """
-    Return a recording driven by its measured voltage, and another way to fill that in.
-
-    The first holds from each row the voltage in the middle between it and the next, the second
-    has ``FINE`` rows for one and holds what the fitted driver misses.
-    """
-    recording = track.recording
-    rows = np.arange(len(recording))
-    parts = 2 * FINE
-    fine = np.arange((len(recording) - 1) * parts + 1) / parts
-    time = np.interp(fine, rows, recording.time)
-    held = fine.astype(int)
-    force = recording.external_force[held]
-    driven = simulate(driver, time, recording.command[held], force, 'voltage').voltage
-    missed = above_noise(recording.measured['voltage'] - driven[::parts],
-                         track.zero['voltage'])
-    between = driven + np.interp(fine, rows, missed)
-    steps = driven + missed[np.minimum(held + 1, rows[-1])]
-    measured = {c: v for c, v in recording.measured.items() if c != 'voltage'}
-    coarse = np.append(between[FINE::parts], between[-1])
-    return recording.replace(command=coarse, measured=measured), Recording(
-        recording.name, time[::2], 'voltage', np.append(steps[1::2], steps[-1]), force[::2])
-
-
-def above_noise(values: np.ndarray, noise: float) -> np.ndarray:
-    """
-    Return what of a signal stands above white noise: its wavelet coefficients that do.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        The signal with its noise.
-    noise : float
-        Standard deviation of the noise, in the same unit.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Zero where nothing but noise was there.  The wavelets are those of the
-        undecimated B3 spline transform (Starck and Murtagh 2006, section 2.3).
-
-    """
-    def clear(part, impulse):
-        loud = np.abs(part) > STANDS_OUT * noise * np.linalg.norm(impulse)
-        return np.where(loud, part, 0.0)
-
-    result = np.zeros_like(values)
-    impulse = np.zeros(values.size)
-    impulse[values.size // 2] = 1.0
-    scale = 1
-    while scale * COARSEST < values.size:
-        spline = np.zeros(4 * scale + 1)
-        spline[::scale] = SPLINE
-        smooth = convolve1d(values, spline, mode='nearest')
-        blurred = convolve1d(impulse, spline, mode='constant')
-        result += clear(values - smooth, impulse - blurred)
-        values, impulse, scale = smooth, blurred, 2 * scale
-    return result + clear(values, impulse)

@@ -19,6 +19,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, spans
+from piezo_stack_sim.gap.voltage import driven_by_voltage
 from piezo_stack_sim.plant import Device
 from scipy import signal
 
@@ -27,9 +28,21 @@ BANDS = (0.0, 1.0, 10.0, 100.0, 1000.0, math.inf)
 LOUD = 1.15  # rms over noise from which a block counts as wrong
 
 
-def block_residuals(device: Device, evidence: Evidence, simulated) -> list[dict]:
+def block_residuals(device: Device, evidence: Evidence, simulated, behind: Device | None = None
+                    ) -> list[dict]:
     """
     Return for each track the residual of each cut, all as displacement.
+
+    Parameters
+    ----------
+    device : Device
+        Re-tuned to all recordings.
+    evidence : Evidence
+        Of the recordings.
+    simulated : sequence of dict
+        Channel to (n,) array for each track, from the device.
+    behind : Device, optional
+        What lies behind the terminals, if that was tuned by itself.
 
     Returns
     -------
@@ -57,12 +70,10 @@ def block_residuals(device: Device, evidence: Evidence, simulated) -> list[dict]
                                    - track.average(answer['voltage']))
             noise = track.sigma['voltage']
             out['drive'] = (wrong * per_volt, noise * per_volt)
-            if np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
+            if behind is not None or np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
                 # The electrical block is to be driven by what really was at its terminals.
-                held = np.append(recording.measured['voltage'][1:],
-                                 recording.measured['voltage'][-1])
-                ideal = device.replace(effects={})
-                answer = simulate_channels(ideal, recording.replace(command=held))
+                ideal = (behind or device).replace(effects={})
+                answer = simulate_channels(ideal, driven_by_voltage(track, device)[0])
         if has('charge'):
             wrong = track.unbiased('charge', track.measured['charge']
                                    - track.average(answer['charge']))
