@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The generator's own physics: it is the paper's device, and every hidden effect shows."""
 
+from dataclasses import replace
 import gzip
 from pathlib import Path
 
 import numpy as np
-from piezo_stack_sim.challenge import programmes
+from piezo_stack_sim.challenge import case, programmes
 from piezo_stack_sim.challenge.case import EFFECTS, schedule
 from piezo_stack_sim.challenge.device import Programme, respond, STEP, Unit
 from piezo_stack_sim.challenge.foreign import FOREIGN
@@ -126,3 +127,24 @@ def test_the_documentation_says_how_each_effect_is_hidden():
     page = DOC.read_text()
     for key, effect in EFFECTS.items():
         assert f'| `{key}` | {effect.block} | {effect.form} |' in page
+
+
+def test_what_the_curve_of_the_file_may_take_is_not_visible():
+    random = np.random.default_rng(5)
+    setting = case.draw_setting(random, ('creep',))
+    recordings = programmes.programmes(SHORT)[:1]
+    moved, _ = case.sensitivities(setting, recordings)
+    clean = case.responses(setting.clean, recordings)
+
+    def seen(**changes):
+        stack = setting.clean.stack
+        other = replace(setting.clean, stack=stack._replace(
+            **{name: getattr(stack, name) * factor for name, factor in changes.items()}))
+        errors = case.difference(setting, case.responses(other, recordings), clean)
+        raw = max(float(np.sqrt(np.mean(error ** 2))) for _, _, error in errors)
+        return max(case.visibility(setting, errors, moved).values()), raw
+
+    within, raw = seen(V=1.008)
+    assert within < 0.05 * raw
+    beyond, _ = seen(V=1.08)  # ten times as much, and far beyond what the file admits
+    assert beyond > 20.0 * within

@@ -22,6 +22,9 @@ UNCERTAINTY = 0.02
 VISIBLE = {'one': 0.5, 'two': 1.0, 'absent': 0.7}
 TRIES = 12
 NOMINALS = ('m', 'k', 'b', 'C', 'T')
+#: Of the Maxwell curve, stiffnesses and break voltages move at these many elements, and between
+#: them in proportion: each element by itself would leave hardly less.
+KNOTS = 5
 
 CHANNELS = {
     ('voltage', 'charge', 'displacement'): 0.62,
@@ -121,13 +124,16 @@ def difference(setting, some, others):
 
 def sensitivities(setting, recordings):
     """Return what 1 % more of each nominal parameter changes, and the file's own responses."""
-    device = Unit(stack=setting.file)
+    file = setting.file
+    device = Unit(stack=file)
     base = responses(device, recordings)
-    moved = []
-    for name in NOMINALS:
-        stack = setting.file._replace(**{name: 1.01 * getattr(setting.file, name)})
-        moved.append(difference(setting, responses(replace(device, stack=stack), recordings),
-                                base))
+    knots = np.arange(KNOTS)
+    hats = [np.interp(np.linspace(0, KNOTS - 1, file.K.size), knots, knots == k) for k in knots]
+    stacks = [file._replace(**{name: 1.01 * getattr(file, name)}) for name in NOMINALS]
+    stacks += [file._replace(**{name: getattr(file, name) * (1.0 + 0.01 * hat)})
+               for name in ('K', 'V') for hat in hats]
+    moved = [difference(setting, responses(replace(device, stack=stack), recordings), base)
+             for stack in stacks]
     return moved, base
 
 
@@ -135,7 +141,8 @@ def visibility(setting, errors, moved):
     """
     Return rms errors over noise that stay after calibration: dict of (recording, channel).
 
-    The nominal parameters may move within their uncertainty, measured from where the unit is.
+    The nominal parameters may move within their uncertainty, measured from where the unit is; the
+    curve within half of it, as the curves of units scatter.
 
     """
     from scipy.optimize import lsq_linear
@@ -143,8 +150,11 @@ def visibility(setting, errors, moved):
     columns = [np.concatenate([row[2][::thin] for row in change]) for change in moved]
     target = np.concatenate([row[2][::thin] for row in errors])
     stack, file = setting.clean.stack, setting.file
-    there = np.array([getattr(stack, name) / getattr(file, name) - 1.0 for name in NOMINALS])
-    room = 100.0 * UNCERTAINTY
+    there = np.zeros(len(moved))
+    there[:len(NOMINALS)] = [getattr(stack, name) / getattr(file, name) - 1.0
+                             for name in NOMINALS]
+    room = np.full(len(moved), 50.0 * UNCERTAINTY)
+    room[:len(NOMINALS)] = 100.0 * UNCERTAINTY
     fit = lsq_linear(np.stack(columns, axis=1), target,
                      (-room - 100.0 * there - 1e-6, room - 100.0 * there + 1e-6))
     out = {}
