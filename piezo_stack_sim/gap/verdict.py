@@ -82,7 +82,7 @@ class Ranked:
 def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
                   classes: Collection[Collection[str]] = ()) -> np.ndarray:
     """
-    Return the probabilities of hypotheses of equal prior, if one of them is the whole cause.
+    Return the probabilities of hypotheses, best first, if one of them is the whole cause.
 
     A score is worth less than its nats, because no library holds the true form
     of an effect: differences are divided by a learned temperature, which grows
@@ -90,7 +90,7 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     recordings cannot tell apart hardly anything but the form makes a difference.
     """
     gains = np.array([r.gain for r in ranked])
-    best = ranked[int(np.argmax(gains))]
+    best = ranked[0]
     # What the best leaves, no hypothesis of the library has the form of.
     unknown = thresholds.form + 0.05 * (1.0 - min(max(best.removed, 0.0), 1.0))
     temperature = thresholds.temperature + unknown * max(best.gain, 0.0)
