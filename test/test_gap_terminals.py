@@ -97,3 +97,10 @@ def test_what_both_sides_of_the_terminals_tell_needs_a_hint_in_the_whole_only(fi
     assert 'mount creep' in found.reason
     none = [Ranked('amplifier_gain+creep', 5000.0, 0.9, 4, left=0.5, second=1.0)]
     assert decide(fits[0], none, *fits[2:], cut=cut).selected == ('amplifier_gain',)
+
+
+def test_what_leaves_more_behind_the_terminals_needs_more_in_the_whole(fits):
+    cut = Cut(True, 'amplifier_gain+creep', 0.6)
+    for nats, word in ((12.0, 'CAUSE'), (60.0, 'MULTIPLE')):
+        pair = [Ranked('amplifier_gain+creep', 5010.0, 0.91, 4, left=0.5, second=nats, part=0.1)]
+        assert decide(fits[0], pair, *fits[2:], cut=cut).word == word

@@ -122,7 +122,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     cut = None
     if terminals is not None:
         cut = terminals.join(fitter, search, thresholds, progress)
-    if cut is None or cut.known and not cut.pair:
+    if cut is None or cut.known and cut.removed < thresholds.behind:
         search_pairs(fitter, search, judge, thresholds, progress, cut)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)

@@ -94,7 +94,7 @@ class Terminals:
         supported = frozenset(each.name for each in singles if each.gain > thresholds.second)
         removed = self.behind.explained
         if (not self.behind.decision.verdict.selected or singles[0].gain < thresholds.second
-                or removed < thresholds.behind
+                or removed < thresholds.explained
                 or self.behind.decision.structure < thresholds.excess):
             return Cut(known=True, supported=supported)
         progress('fitting what both sides of the terminals told')

@@ -43,8 +43,8 @@ class Thresholds:
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave
     alike_form: float = 0.05  # part of the gain by which the form may mislead between such two
     drive: float = 0.35  # part of what is wrong with the voltage that an effect must remove
-    behind: float = 0.75  # part of the gap behind the terminals that a second effect must remove
-    hint: float = 5.0  # and nats by which it must show with the simulated voltage, too
+    behind: float = 0.75  # part of the gap behind the terminals from which a second effect
+    hint: float = 5.0  # need explain no more nats than this with the simulated voltage, too
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
@@ -187,7 +187,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             return Verdict('UNKNOWN', (), (), 'no effect of the drive explains what is wrong with '
                            'the voltage at the terminals', t.unknown, 1.0 - t.unknown, 'drive')
         for pair in pairs:
-            if pair.name == cut.pair and pair.second > t.hint:
+            enough = t.hint if cut.removed >= t.behind else t.second
+            if pair.name == cut.pair and pair.second > enough:
                 sure = pair.odds(t.two)
                 return Verdict('MULTIPLE', _by_rank(pair, singles), (), _why_behind(cut),
                                sure, 1.0 - sure)
