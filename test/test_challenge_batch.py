@@ -4,6 +4,7 @@
 
 import gzip
 import json
+import shutil
 
 from click.testing import CliRunner
 import numpy as np
@@ -152,3 +153,11 @@ def test_interrupted_making_goes_on_where_it_stopped(short, tmp_path, monkeypatc
     parts = make.make(3, 5, tmp_path / 'parts', jobs=1)
     assert made == [2]
     assert parts.read_bytes() == whole.read_bytes()
+
+
+def test_a_set_whose_public_files_were_deleted_is_made_again(short, tmp_path):
+    committed = make.make(1, 5, tmp_path / 'batch', jobs=1).read_bytes()
+    shutil.rmtree(tmp_path / 'batch')
+    assert make.make(1, 5, tmp_path / 'batch', jobs=1).read_bytes() == committed
+    assert (tmp_path / 'batch' / 'devices' / 'set_000.yaml').is_file()
+    assert list((tmp_path / 'batch' / 'set_000').glob('*.csv.gz'))

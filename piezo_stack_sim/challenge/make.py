@@ -82,7 +82,9 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None):
         raise InputError(f'{out}: holds another batch (sets or seed differ); give another --out')
     write_text(owner, ours + '\n')
     schedule = case.schedule(sets, seed)
-    waiting = [i for i in range(sets) if not (truth / f'{set_name(i)}.json').is_file()]
+    waiting = [i for i in range(sets) if not (
+        (truth / f'{set_name(i)}.json').is_file()
+        and (out / 'devices' / f'{set_name(i)}.yaml').is_file())]
     finished = sets - len(waiting)
     if progress:
         progress(finished)
