@@ -67,5 +67,5 @@ def _held(search: Search, fitter: Fitter) -> tuple[Search, Judge]:
         held.fits[name] = replace(nominal, effects={name: {}}, view=None)
     for name in sorted(falls, key=lambda n: -falls[n][0])[:LEADING]:
         held.fits[name] = fitter.fit({name: falls[name][1]}, steps=STEPS, held=True)
-    best = min(held.fits.values(), key=lambda fit: fit.cost)
+    best = held.best
     return held, Judge.from_residual(fitter.evidence, best.residual, nominal.residual)

@@ -82,6 +82,11 @@ class Search:
     merits: dict[str, Merit] = field(default_factory=dict)
     corrected: dict[str, Fit] = field(default_factory=dict)
 
+    @property
+    def best(self) -> Fit:
+        """Return the fit with the lowest cost."""
+        return min(self.fits.values(), key=lambda fit: fit.cost)
+
     def correction(self, name: str) -> Fit:
         """Return the fit of a hypothesis that corrects the device."""
         return self.corrected.get(name, self.fits[name])
@@ -152,7 +157,7 @@ def tune(fitter: Fitter) -> Fit:
 
 def _tune_as_best(fitter: Fitter, search: Search) -> None:
     """Ask whether what the best found for the nominal parameters does without the effect."""
-    best = min(search.fits.values(), key=lambda fit: fit.cost)
+    best = search.best
     if search.nominal.cost - best.cost < WORTH:
         return
     alone = fitter.fit({}, best.phi, TUNING, anew=True)
@@ -217,7 +222,7 @@ def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:
         The same objects if the noise was estimated well without.
 
     """
-    best = min(search.fits.values(), key=lambda fit: fit.cost)
+    best = search.best
     old = fitter.evidence
     new = quieter(old, parallel(
         lambda pair: simulate_channels(*pair),

@@ -117,8 +117,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     evidence = fitter.evidence
     terminals = look_at_terminals(fitter, search, thresholds, progress)
     judge = Judge.from_residual(
-        evidence, min(search.fits.values(), key=lambda fit: fit.cost).residual,
-        search.nominal.residual)
+        evidence, search.best.residual, search.nominal.residual)
     cut = None
     if terminals is not None:
         cut = terminals.join(fitter, search, thresholds, progress)

@@ -174,8 +174,7 @@ def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],
             search.fits[name] = fit
     polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
     judge = Judge.from_residual(
-        evidence, min(search.fits.values(), key=lambda fit: fit.cost).residual,
-        search.nominal.residual)
+        evidence, search.best.residual, search.nominal.residual)
     return Part(search, decide_search(fitter, search, judge, 1.0, isolability(fitter, search),
                                       thresholds))
 
