@@ -11,6 +11,7 @@ from piezo_stack_sim.gap.bursts import suspect_knocks
 from piezo_stack_sim.gap.evidence import prepare, quieter, reweigh
 from piezo_stack_sim.gap.fit import free_parameters
 from piezo_stack_sim.gap.forward import residuals, simulate_set
+from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.score import Judge
@@ -239,6 +240,18 @@ def test_what_recordings_cannot_tell_apart_shares_the_probability():
     # Who leaves far more than the best is told from it, however alike their directions.
     poor = Ranked('b', 400.0, 0.6, 1)
     assert probabilities([one, far, poor], classes=[['a', 'b']])[2] < 0.01
+
+
+def test_relatives_are_left_open_where_one_channel_was_measured():
+    near, far = Ranked('b', 600.0, 0.95, 1), Ranked('b', 400.0, 0.6, 1)
+    one, kin = Ranked('a', 700.0, 0.98, 1), {frozenset('ab')}
+
+    def left_open(other, single):
+        return decide([one, other], [], 0.99, 50.0, Alike([], [], kin, single).groups).tie
+
+    assert left_open(near, single=True) == ('a', 'b')
+    assert left_open(near, single=False) == ('a',)  # the other channels tell them apart
+    assert left_open(far, single=True) == ('a',)  # and so does what one leaves
 
 
 def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):

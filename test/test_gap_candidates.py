@@ -3,11 +3,12 @@
 """Hypotheses that could pass for what they are not: a badly tuned device, an idle effect."""
 
 import numpy as np
-from piezo_stack_sim.gap.candidates import is_idle, tune
+from piezo_stack_sim.gap.candidates import is_idle, search_singles, tune
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_set
+from piezo_stack_sim.gap.forward import parallel, simulate_set, spans
 from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.starts import extent_of
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest
@@ -55,3 +56,19 @@ def test_a_limit_that_the_current_never_meets_is_no_cause(device, effects, idle)
                for limit in (0.05, 0.2)), key=lambda fit: fit.cost)
     assert fit.cost < 1.05 * fitter.rows.size  # it explains everything either way
     assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
+
+
+def test_a_stop_met_at_the_end_of_the_way_is_found(device):
+    # From the first two places to set out from, a softer stop and one met earlier, it is not.
+    programme = programmes.triangle()
+    way = simulate(device, programme.time, programme.command,
+                   programme.external_force).displacement.max()
+    stop = {'gap': 0.95 * way, 'stiffness': 16e6}
+    fitter = fitter_of(device, device.with_effects({'contact': stop}), (programme,),
+                       np.random.default_rng(3))
+    extent = extent_of(fitter.evidence, fitter.base, spans(fitter.evidence))
+    search = search_singles(fitter, extent, lambda message: None,
+                            ('contact', 'amplifier_saturation'))
+    found = search.fits['contact'].effects['contact']
+    assert found['gap'] == pytest.approx(stop['gap'], rel=0.01)
+    assert found['stiffness'] == pytest.approx(stop['stiffness'], rel=0.1)

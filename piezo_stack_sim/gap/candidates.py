@@ -114,9 +114,7 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     order = sorted(search.probes, key=lambda name: -max(p.gain for p in search.probes[name]))
     first = [(name, p.place, nominal.phi if p.phi is None else p.phi)
              for i, name in enumerate(order)
-             for p in search.probes[name][:PLACES]
-             if p.gain >= max(WORTH, NEAR * max(q.gain for q in search.probes[name]),
-                              PROMISING * best if i >= FIELD else 0.0)]
+             for p in _promising(search.probes[name], PROMISING * best if i >= FIELD else 0.0)]
     progress('fitting every effect')
     _race(fitter, search, first, FIRST_STEPS)
     fall = max(nominal.cost - fit.cost for fit in search.fits.values())
@@ -124,6 +122,16 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
               if nominal.cost - fit.cost > max(RIVAL * fall, WORTH)]
     _race(fitter, search, rivals, STEPS)
     return search
+
+
+def _promising(probes: list[Probe], least: float) -> list[Probe]:
+    """Return the places of an effect, ordered, from which it is worth a fit."""
+    least = max(WORTH, NEAR * max(p.gain for p in probes), least)
+    distinct: dict[float, Probe] = {}  # what the recordings do not tell apart promises the same
+    for probe in probes:
+        if probe.gain >= least:
+            distinct.setdefault(probe.gain, probe)
+    return list(distinct.values())[:PLACES]
 
 
 def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:

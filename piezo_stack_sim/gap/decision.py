@@ -175,6 +175,6 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
                   or cut is not None and pair.name == cut.pair) else pair
              for pair in pairs]
     structure = judge.structure(search.nominal.residual)
-    verdict = decide(singles, pairs, ceiling, structure, alike.classes, thresholds, alike.kin,
+    verdict = decide(singles, pairs, ceiling, structure, alike.groups, thresholds, alike.kin,
                      cut)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

@@ -116,7 +116,7 @@ def _causes(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     """Return every effect and the best pairs, the likeliest first."""
     verdict, nominal = decision.verdict, search.nominal
     chance = verdict.single * probabilities(
-        decision.singles, thresholds, decision.alike.classes)
+        decision.singles, thresholds, decision.alike.groups)
     ranked = [*zip(decision.singles, chance.tolist()),
               *((pair, _pair_chance(verdict, pair)) for pair in decision.pairs[:PAIRS_SHOWN])]
     return [cause_part(each, search.correction(each.name), chance, decision.judge, nominal, fitter)

@@ -11,6 +11,7 @@ effect points.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,11 +32,18 @@ class Alike:
 
     ``classes`` of effects that look alike, ``unseen`` ones, and ``kin``: pairs that
     resemble each other, so that what the form of one misses the other may fill in.
+    ``single`` tells that one channel was measured: no other checks what the form tells.
     """
 
     classes: list[list[str]]
     unseen: list[str]
     kin: set[frozenset[str]]
+    single: bool = False
+
+    @property
+    def groups(self) -> list[Collection[str]]:
+        """Return the groups in which hardly anything but the form tells effects apart."""
+        return [*self.classes, *(self.kin if self.single else ())]
 
 
 def isolability(fitter: Fitter, search: Search) -> Alike:
@@ -46,6 +54,7 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
     re-tuning the nominal parameters can imitate.
     """
     names, directions, spaces, unseen = [], [], [], []
+    single = len(fitter.evidence.channels) == 1
     for name, probes in search.probes.items():
         whole = [direction for probe in probes if probe.direction is not None
                  for direction in probe.direction.T]
@@ -61,7 +70,7 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
         spaces.append(np.column_stack([each / np.linalg.norm(each) for each in clear
                                        if np.linalg.norm(each) > SEEN]).astype(np.float32))
     if not names:
-        return Alike([], unseen, set())
+        return Alike([], unseen, set(), single)
     cosine = np.abs(np.array(directions) @ np.array(directions).T)
     classes, left = [], set(range(len(names)))
     while left:
@@ -84,4 +93,4 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
                          np.linalg.norm(bases[j].T @ spaces[i], axis=0).max())
             if shared > KIN:
                 kin.add(frozenset((a, names[j])))
-    return Alike(classes, unseen, kin)
+    return Alike(classes, unseen, kin, single)

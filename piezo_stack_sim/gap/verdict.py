@@ -96,19 +96,20 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     temperature = thresholds.temperature + unknown * max(best.gain, 0.0)
     weight = np.exp((gains - gains.max()) / temperature)
     misled = thresholds.temperature + thresholds.alike_form * max(best.gain, 0.0)
-    for names in _look_alikes(ranked, classes, thresholds):
-        group = [i for i, each in enumerate(ranked) if each.name in names]
-        share = np.exp((gains[group] - gains.max()) / misled)
-        weight[group] = weight[group].sum() * share / share.sum()
+    alike = _look_alikes(ranked, classes, thresholds)
+    group = [i for i, each in enumerate(ranked) if each.name in alike]
+    share = np.exp((gains[group] - gains.max()) / misled)
+    weight[group] = weight[group].sum() * share / share.sum()
     return weight / weight.sum()
 
 
 def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: Thresholds
-                 ) -> list[set[str]]:
-    """Return those who look like the best and leave about as little, class by class."""
+                 ) -> set[str]:
+    """Return those who look like the best and leave about as little, the best included."""
     most = t.alike * (1.0 - ranked[0].removed) + 0.01
-    near = {each.name for each in ranked if 1.0 - each.removed < most}
-    return [near.intersection(group) for group in classes if ranked[0].name in group]
+    alike = {name for group in classes if ranked[0].name in group for name in group}
+    return {ranked[0].name} | {each.name for each in ranked
+                               if each.name in alike and 1.0 - each.removed < most}
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ class Verdict:
 
 
 def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure: float,
-           classes: list[list[str]], thresholds: Thresholds = DEFAULTS,
+           classes: Collection[Collection[str]], thresholds: Thresholds = DEFAULTS,
            kin: Collection[frozenset[str]] = (), cut: Cut | None = None) -> Verdict:
     """
     Say what the scores mean.
@@ -168,8 +169,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     structure : float
         Largest mean square over the noise, minus one, that the re-tuned nominal
         device leaves in a track.
-    classes : list of list of str
-        Effects that these recordings cannot tell apart.
+    classes : collection of collections of str
+        Effects that these recordings cannot tell apart but by their form.
     thresholds : Thresholds
         What was learned on the development set.
     kin : collection of frozenset of str
@@ -309,6 +310,5 @@ def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
             if probability > 0.002:
                 tie.append(ranked.name)
                 covered += probability
-    for group in _look_alikes(singles, classes, t):
-        tie += [r.name for r in singles if r.name in group and r.name not in tie]
-    return tuple(tie)
+    alike = _look_alikes(singles, classes, t)
+    return (*tie, *(r.name for r in singles if r.name in alike and r.name not in tie))
