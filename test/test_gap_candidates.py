@@ -34,6 +34,14 @@ def fitter_of(device, unit, recorded, random):
     return fitter
 
 
+def searched(fitter, effect):
+    """Return the numbers with which an effect is found among others."""
+    extent = extent_of(fitter.evidence, fitter.base, spans(fitter.evidence))
+    search = search_singles(fitter, extent, lambda message: None,
+                            (effect, 'amplifier_saturation', 'stiffness_hardening'))
+    return search.fits[effect].effects[effect]
+
+
 @pytest.mark.parametrize('seed', [27, 30])
 def test_a_unit_within_its_uncertainty_is_tuned_to_the_noise(device, seed):
     # Break voltages make side valleys: from these two units plain steps do not come out of one.
@@ -58,6 +66,33 @@ def test_a_limit_that_the_current_never_meets_is_no_cause(device, effects, idle)
     assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
 
 
+@pytest.mark.parametrize('effect, values', [
+    # Many periods of the fastest command, from where a fit walks into the next dip.
+    ('sensor_delay', {'delay': 1.14e-3}),
+    ('command_delay', {'delay': 1.15e-3}),
+    # Heavier than a hundred stacks.
+    ('added_mass', {'mass': 0.9}),
+    # A broad one, between the usual places.
+    ('mechanical_resonance', {'participation': -0.05, 'frequency': 1825.0,
+                              'damping_ratio': 0.11})])
+def test_an_effect_is_found_where_no_usual_place_is_near(device, effect, values):
+    random = np.random.default_rng(5)
+    fitter = fitter_of(device, device.with_effects({effect: values}), (
+        programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine()), random)
+    found = searched(fitter, effect)
+    for name, value in values.items():
+        assert found[name] == pytest.approx(value, rel=0.05)
+
+
+def test_a_current_limit_that_is_rarely_met_is_found_under_noise(device):
+    # The difference of noisy rows of charge, 50,000 a second, is a larger current than any.
+    limit = {'limit': 0.039, 'output_resistance': 1.3}
+    fitter = fitter_of(device, device.with_effects({'amplifier_current_limit': limit}), (
+        programmes.triangle(), programmes.multisine()), np.random.default_rng(6))
+    found = searched(fitter, 'amplifier_current_limit')
+    assert found['limit'] == pytest.approx(limit['limit'], rel=0.05)
+
+
 def test_a_stop_met_at_the_end_of_the_way_is_found(device):
     # From the first two places to set out from, a softer stop and one met earlier, it is not.
     programme = programmes.triangle()
@@ -66,9 +101,6 @@ def test_a_stop_met_at_the_end_of_the_way_is_found(device):
     stop = {'gap': 0.95 * way, 'stiffness': 16e6}
     fitter = fitter_of(device, device.with_effects({'contact': stop}), (programme,),
                        np.random.default_rng(3))
-    extent = extent_of(fitter.evidence, fitter.base, spans(fitter.evidence))
-    search = search_singles(fitter, extent, lambda message: None,
-                            ('contact', 'amplifier_saturation'))
-    found = search.fits['contact'].effects['contact']
+    found = searched(fitter, 'contact')
     assert found['gap'] == pytest.approx(stop['gap'], rel=0.01)
     assert found['stiffness'] == pytest.approx(stop['stiffness'], rel=0.1)

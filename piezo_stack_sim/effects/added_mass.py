@@ -26,6 +26,6 @@ EFFECT = Effect(
     (
         Parameter('mass', 'kg', 0.0, 0.0, 10.0, 0.05, 'additional moving mass',
                   # It moves a resonance, and a resonance is found only from close by.
-                  tries=tuple(5e-4 * 1.23 ** i for i in range(32))),
+                  tries=tuple(5e-4 * 1.23 ** i for i in range(40))),
     ),
     apply, channels=('charge', 'displacement'))

@@ -33,20 +33,23 @@ class Extent:
     period: float
     duration: float
     frequencies: tuple[float, ...]
+    lags: tuple[float, ...] = ()
 
 
 def extent_of(evidence: Evidence, residual: np.ndarray, spans) -> Extent:
-    """Measure how far recordings reach, and the frequencies at which a residual peaks."""
+    """Measure how far recordings reach, where a residual peaks, how late the measured comes."""
     commands = [t.recording.command for t in evidence.tracks if t.recording.drive == 'voltage']
     voltage = ((min(float(c.min()) for c in commands), max(float(c.max()) for c in commands))
                if commands else (0.0, 1.0))
     displacement = max((float(np.ptp(t.measured['displacement'])) for t in evidence.tracks
                         if 'displacement' in t.measured), default=1e-5)
     current = 0.0
-    for track in evidence.tracks:
+    simulated = dict(zip(evidence.keys, _simulated(evidence, residual, spans)))
+    for i, track in enumerate(evidence.tracks):
         if 'charge' in track.measured:
-            rate = np.abs(np.diff(track.measured['charge'])) / (track.recording.period
-                                                                * track.factor)
+            # As simulated: the noise of a fast recording looks like a large current.
+            rate = np.abs(np.diff(simulated[i, 'charge'])) / (track.recording.period
+                                                              * track.factor)
             current = max(current, float(np.quantile(rate, 0.999)))
         elif track.recording.drive == 'voltage':
             rate = np.abs(np.diff(track.recording.command)) / track.recording.period
@@ -54,7 +57,29 @@ def extent_of(evidence: Evidence, residual: np.ndarray, spans) -> Extent:
     return Extent(voltage, displacement, current or 0.1,
                   min(t.recording.period for t in evidence.tracks),
                   max(t.recording.duration for t in evidence.tracks),
-                  _peaks(evidence, residual, spans))
+                  _peaks(evidence, residual, spans), _lags(evidence, simulated))
+
+
+def _simulated(evidence, residual, spans) -> list[np.ndarray]:
+    """Return what was simulated (m,) of every (track, channel), SI units."""
+    return [evidence.tracks[i].measured[channel] - evidence.tracks[i].errors(
+        channel, residual[where]) for (i, channel), where in zip(evidence.keys, spans)]
+
+
+def _lags(evidence, simulated) -> tuple[float, ...]:
+    """Return by how much (s) the measured channels come late, as those tell that gain most."""
+    found = []
+    for (i, channel), expected in simulated.items():
+        track = evidence.tracks[i]
+        measured, expected = np.diff(track.measured[channel]), np.diff(expected)
+        size = 2 * measured.size
+        alike = np.fft.irfft(np.fft.rfft(measured, size) * np.conj(
+            np.fft.rfft(expected, size)), size)[:measured.size // 2]
+        late = int(np.argmax(alike))
+        gain = (alike[late] - alike[0]) / track.sigma[channel] ** 2
+        found.append((float(gain), late * track.recording.period * track.factor))
+    found.sort(reverse=True)
+    return tuple(dict.fromkeys(lag for gain, lag in found[:2] if gain > 0.0))
 
 
 def _peaks(evidence, residual, spans) -> tuple[float, ...]:
@@ -115,6 +140,8 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
         own or all(len(s) == 1 for s in shapes)) else (STRENGTH,)
     places = [Place(dict(shape), {p.name: part * _strength(p) for p in strong})
               for part in (parts if strong else (1.0,)) for shape in itertools.product(*shapes)]
+    if len(strong) == 1 and strong[0].unit == 's':
+        places += [Place({}, {strong[0].name: lag}) for lag in extent.lags]
     if len(places) > MOST and not own:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
@@ -144,7 +171,7 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
         return inside(parameter.tries)
     unit = parameter.unit
     if unit == 'Hz':
-        wanted = [*extent.frequencies[:2], 300.0, 1000.0, 3000.0, 8000.0]
+        wanted = [*extent.frequencies[:2], 300.0, 700.0, 1700.0, 4000.0, 9000.0]
         return inside(wanted)
     if math.isinf(parameter.neutral):
         if unit == 'V':
