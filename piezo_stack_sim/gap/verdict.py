@@ -221,9 +221,10 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     if len(tie) > 1:
         return Verdict('AMBIGUOUS', (best.name,), tie, 'these recordings do not decide between '
                        f'{len(tie)} effects', among, sure)
-    return Verdict('CAUSE', (best.name,), (best.name,), f'{words(best.name)} removes '
-                   f'{_percent(best.removed)} of the removable gap and nothing else comes '
-                   'close', among, sure)
+    does = (f'removes {_percent(best.removed)} of the removable gap' if explained >= t.explained
+            else 'explains what hardly stands out of the noise')
+    return Verdict('CAUSE', (best.name,), (best.name,),
+                   f'{words(best.name)} {does} and nothing else comes close', among, sure)
 
 
 def _by_rank(pair: Ranked, singles: list[Ranked]) -> tuple[str, ...]:
