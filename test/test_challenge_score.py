@@ -220,6 +220,19 @@ def test_a_pair_is_judged_by_what_is_selected_not_by_the_best_single():
     assert row['probability'] == 0.7 and row['probability_right']
 
 
+def test_pairs_are_told_apart_by_how_loud_the_weaker_is():
+    """The largest channel counts; single effects have no balance."""
+    pair = label('two', ['friction', 'creep'])
+    for weak, balance, size in ((0.5, 'below 1 %', 'below noise'),
+                                (20.0, '10 to 30 %', '10 to 30'),
+                                (100.0, 'above 30 %', 'above 30')):
+        pair['effects'][0]['over_noise_calibrated'] = {'charge': 100.0, 'displacement': 3.0}
+        pair['effects'][1]['over_noise_calibrated'] = {'charge': 0.0, 'displacement': weak}
+        row = judge(pair, truthful('set_003'))
+        assert (row['balance'], row['magnitude']) == (balance, size)
+    assert judge(label('one', ['creep']), truthful('set_003'))['balance'] is None
+
+
 def test_an_effect_as_good_as_an_absent_one_is_counted_apart():
     """Backlash looks like friction: UNKNOWN is what is asked for, friction is noted."""
     friction = {'verdict': 'CAUSE', 'selected': ['friction'], 'where': {'block': 'mechanical'},

@@ -6,9 +6,8 @@ import numpy as np
 from piezo_stack_sim.gap.candidates import is_idle, search_singles, tune
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_set, spans
+from piezo_stack_sim.gap.forward import parallel, simulate_set
 from piezo_stack_sim.gap.nominal import Nuisance
-from piezo_stack_sim.gap.starts import extent_of
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest
@@ -36,8 +35,7 @@ def fitter_of(device, unit, recorded, random):
 
 def searched(fitter, effect):
     """Return the numbers with which an effect is found among others."""
-    extent = extent_of(fitter.evidence, fitter.base, spans(fitter.evidence))
-    search = search_singles(fitter, extent, lambda message: None,
+    search = search_singles(fitter, lambda message: None,
                             (effect, 'amplifier_saturation', 'stiffness_hardening'))
     return search.fits[effect].effects[effect]
 

@@ -11,6 +11,8 @@ BLOCK = {key: effect.block for key, effect in {**KNOWN, **FOREIGN}.items()}
 #: Upper edges of the magnitude classes: rms over noise, after calibration.
 MAGNITUDES = ((1.0, 'below noise'), (3.0, '1 to 3'), (10.0, '3 to 10'), (30.0, '10 to 30'),
               (float('inf'), 'above 30'))
+#: Upper edges of the classes of a pair: the size of the weaker effect against the stronger.
+BALANCES = ((0.01, 'below 1 %'), (0.1, '1 to 10 %'), (0.3, '10 to 30 %'), (1.01, 'above 30 %'))
 
 
 def first(answer):
@@ -44,12 +46,23 @@ def candidates(answer):
         answer.get('ambiguity_set') or ())
 
 
+def sizes(label):
+    """Return how large each hidden effect is over the noise, after calibration, ascending."""
+    return sorted(max(effect['over_noise_calibrated'].values()) for effect in label['effects'])
+
+
 def magnitude(label):
-    """Return the class of magnitude of what is hidden, or None."""
-    if not label['effects']:
+    """Return the class of magnitude of what is hidden, of the weaker of two, or None."""
+    return next((name for limit, name in MAGNITUDES for size in sizes(label)[:1]
+                 if size < limit), None)
+
+
+def balance(label):
+    """Return the class of the weaker of two hidden effects against the stronger, or None."""
+    if label['kind'] != 'two':
         return None
-    size = min(max(effect['over_noise_calibrated'].values()) for effect in label['effects'])
-    return next(name for limit, name in MAGNITUDES if size < limit)
+    weaker, stronger = sizes(label)
+    return next(name for limit, name in BALANCES if weaker < limit * stronger)
 
 
 def unit(label):
@@ -92,7 +105,7 @@ def judge(label, answer, shrinkage=None):
     row = {
         'kind': kind, 'hidden': truth, 'verdict': verdict,
         'channels': '+'.join(label['channels']), 'magnitude': magnitude(label),
-        'unit': unit(label),
+        'balance': balance(label), 'unit': unit(label),
         'detected': verdict != 'NO_GAP' if truth else None,
         'false_alarm': verdict != 'NO_GAP' if not truth else None,
         'effect': hit if one else None,

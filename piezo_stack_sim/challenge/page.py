@@ -89,6 +89,19 @@ intervals. Made by `piezo_stack challenge score`.
 {% endfor %}{% endfor %}
 Noticed, named first, block, left open, right: shares of the sets. How many: the median number of
 effects left open.
+{%- if score.pairs_by_balance %}
+
+## Two effects
+{% for title, table in pairs %}
+| {{ title }} | sets | both named | interval | at least one |
+|---|---|---|---|---|
+{% for name, group in table.items() -%}
+| {{ name }} | {{ group.sets }} | {{ group.both | percent }} | {{ group.both | interval }} | \
+{{ group.either | percent }} |
+{% endfor %}{% endfor %}
+What the form of the stronger misses is some per cent of it: a second effect below that is seen
+only where and when the first does not act.
+{%- endif %}
 
 ## Confusion
 
@@ -136,8 +149,10 @@ def page(score):
               ('how far the unit is from its file', score['by_unit']),
               ('what was hidden', score['by_kind']),
               ('effect', effects)]
+    pairs = [('the weaker against the stronger', score['pairs_by_balance']),
+             ('the weaker over the noise', score['pairs_by_magnitude'])]
     text = environment.from_string(TEMPLATE).render(
-        score=score, questions=QUESTIONS, brief=BRIEF, kinds=KINDS, heads=HEADS,
+        score=score, pairs=pairs, questions=QUESTIONS, brief=BRIEF, kinds=KINDS, heads=HEADS,
         baselines=BASELINES, without=WITHOUT, tables=tables,
         simpler={k: v for k, v in score['baselines'].items() if k in BASELINES},
         ablations={k: v for k, v in score['baselines'].items() if k in WITHOUT})

@@ -11,7 +11,8 @@ import numpy as np
 
 from piezo_stack_sim.challenge import labels as label_files
 from piezo_stack_sim.challenge.answer import read_answers
-from piezo_stack_sim.challenge.judge import BLOCK, judge, MAGNITUDES, true_shrinkage
+from piezo_stack_sim.challenge.judge import (
+    BALANCES, BLOCK, judge, MAGNITUDES, true_shrinkage)
 from piezo_stack_sim.challenge.rates import calibration, rate, summary
 from piezo_stack_sim.errors import InputError
 
@@ -163,6 +164,10 @@ def score(public, labels=None):
             'one', 'absent'} else None),
         'by_magnitude': grouped(found, lambda row: row['magnitude'],
                                 [name for _, name in MAGNITUDES]),
+        'pairs_by_balance': pairs(found, lambda row: row['balance'],
+                                  [name for _, name in BALANCES]),
+        'pairs_by_magnitude': pairs(found, lambda row: row['magnitude'],
+                                    [name for _, name in MAGNITUDES]),
         'by_channels': grouped(found, lambda row: row['channels']),
         'by_unit': grouped(found, lambda row: row['unit']),
         'by_kind': grouped(found, lambda row: row['kind'], ['none', 'one', 'two', 'absent']),
@@ -209,16 +214,27 @@ def stated(rows, probability, outcome):
 
 def grouped(rows, key, order=None):
     """Return sets, rates and ambiguity-set size by group; `key` may return None for no group."""
+    return {name: {'sets': len(group), **rates(group, BRIEF),
+                   'unknown': rate(row['unknown'] for row in group),
+                   'set_size': summary(row['set_size'] for row in group)['median']}
+            for name, group in split(rows, key, order).items()}
+
+
+def pairs(rows, key, order):
+    """Return sets and the rates of both found, and of one at least, of pairs by group."""
+    rows = [row for row in rows if row['kind'] == 'two']
+    return {name: {'sets': len(group), **rates(group, ('both', 'either'))}
+            for name, group in split(rows, key, order).items()}
+
+
+def split(rows, key, order=None):
+    """Return rows by group, sorted or in a given order; `key` may return None for no group."""
     groups = {}
     for row in rows:
         group = key(row)
         if group is not None:
             groups.setdefault(group, []).append(row)
-    names = [name for name in order if name in groups] if order else sorted(groups)
-    return {name: {'sets': len(groups[name]), **rates(groups[name], BRIEF),
-                   'unknown': rate(row['unknown'] for row in groups[name]),
-                   'set_size': summary(row['set_size'] for row in groups[name])['median']}
-            for name in names}
+    return {name: groups[name] for name in order or sorted(groups) if name in groups}
 
 
 def confusion(rows):

@@ -18,6 +18,7 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import Search
+from piezo_stack_sim.gap.decision import judge_of
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.verdict import Verdict
@@ -67,5 +68,4 @@ def _held(search: Search, fitter: Fitter) -> tuple[Search, Judge]:
         held.fits[name] = replace(nominal, effects={name: {}}, view=None)
     for name in sorted(falls, key=lambda n: -falls[n][0])[:LEADING]:
         held.fits[name] = fitter.fit({name: falls[name][1]}, steps=STEPS, held=True)
-    best = held.best
-    return held, Judge.from_residual(fitter.evidence, best.residual, nominal.residual)
+    return held, judge_of(fitter, held)

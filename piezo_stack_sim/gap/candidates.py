@@ -9,9 +9,10 @@ linear look, which places are worth a whole fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 import math
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,8 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.descent import WIDE
 from piezo_stack_sim.gap.evidence import quieter, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
-from piezo_stack_sim.gap.forward import parallel, simulate_channels
-from piezo_stack_sim.gap.starts import Extent, Place, starts_of
+from piezo_stack_sim.gap.forward import parallel, simulate_channels, spans
+from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
 
 PLACES = 2  # places of an effect from which a fit sets out
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
@@ -30,7 +31,7 @@ FIELD = 9  # effects that get one in any case: a linear look underrates what is 
 WORTH = 15.0  # fall of the cost below which nothing can come of it
 FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
 RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
-POLISHING = 8
+POLISHED, POLISHING = 3, 8  # effects that are fitted to the end, with so many steps more
 TUNING = 6  # Gauss-Newton steps of the nominal parameters alone
 IDLE = 0.01  # part of what an effect explains that its strength must, not what shapes it
 SETTLED = 1.2  # mean square of a residual below which there is nothing more to fit
@@ -92,11 +93,31 @@ class Search:
         return self.corrected.get(name, self.fits[name])
 
 
-def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], None],
-                   names: Collection[str] = tuple(EFFECTS)) -> Search:
-    """Fit the nominal device alone, then with every effect by itself."""
+def search_singles(fitter: Fitter, progress: Callable[[str], None],
+                   names: Collection[str] = tuple(EFFECTS),
+                   known: Mapping[str, Fit] = MappingProxyType({})) -> Search:
+    """
+    Fit the nominal device alone, then with every effect by itself, the best to the end.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        Where to fit.
+    progress : callable
+        Called with a sentence at every stage.
+    names : collection of str
+        The effects.
+    known : mapping of str to Fit
+        Fits of some of them elsewhere: more places to start from.
+
+    Returns
+    -------
+    Search
+
+    """
     search = Search(tune(fitter))
     nominal = search.nominal
+    extent = extent_of(fitter.evidence, fitter.base, spans(fitter.evidence))
     jobs = [(name, place) for name in names
             for place in ([Place({}, {})] if name == TONE else starts_of(EFFECTS[name], extent))]
 
@@ -120,7 +141,9 @@ def search_singles(fitter: Fitter, extent: Extent, progress: Callable[[str], Non
     fall = max(nominal.cost - fit.cost for fit in search.fits.values())
     rivals = [(name, fit.effects[name], fit.phi) for name, fit in search.fits.items()
               if nominal.cost - fit.cost > max(RIVAL * fall, WORTH)]
+    rivals += [(name, fit.effects[name], nominal.phi) for name, fit in known.items()]
     _race(fitter, search, rivals, STEPS)
+    polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
     return search
 
 

@@ -126,6 +126,11 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
     return replace(again, second=pair.second, part=pair.part, over=pair.over)
 
 
+def judge_of(fitter: Fitter, search: Search) -> Judge:
+    """Return who judges what was fitted: the best of it tells how many rows are independent."""
+    return Judge.from_residual(fitter.evidence, search.best.residual, search.nominal.residual)
+
+
 def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thresholds,
                  progress: Callable[[str], None], cut: Cut | None = None) -> None:
     """Fit second effects beside the best, where these leave something that they could explain."""

@@ -17,22 +17,18 @@ import time
 from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.arbitrary import sized
-from piezo_stack_sim.gap.candidates import polish, search_singles, weigh_anew
-from piezo_stack_sim.gap.decision import decide_search, Removable, search_pairs
+from piezo_stack_sim.gap.candidates import search_singles, weigh_anew
+from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
 from piezo_stack_sim.gap.document import build_document
 from piezo_stack_sim.gap.evidence import prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
+from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set
 from piezo_stack_sim.gap.isolability import isolability
-from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.starts import extent_of
 from piezo_stack_sim.gap.terminals import look_at_terminals
 from piezo_stack_sim.gap.verdict import DEFAULTS, Thresholds
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
-
-POLISHED = 3  # single effects that are fitted to the end before they are judged
 
 
 @dataclass(frozen=True)
@@ -109,15 +105,12 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     first, evidence = evidence, prepare(checked.recordings, simulate_set(
         fitter.device_with({}, tuned.phi), checked.recordings))
     fitter = fitter.reweighed(evidence, reweigh(first, evidence))
-    extent = extent_of(evidence, fitter.base, spans(evidence))
-    search = search_singles(fitter, extent, progress)
-    polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
+    search = search_singles(fitter, progress)
     # A slow answer to every command had passed for noise unless something explains it now.
     fitter, search = weigh_anew(fitter, search)
     evidence = fitter.evidence
     terminals = look_at_terminals(fitter, search, thresholds, progress)
-    judge = Judge.from_residual(
-        evidence, search.best.residual, search.nominal.residual)
+    judge = judge_of(fitter, search)
     cut = None
     if terminals is not None:
         cut = terminals.join(fitter, search, thresholds, progress)

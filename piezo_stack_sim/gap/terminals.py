@@ -16,15 +16,14 @@ import math
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import polish, Search, search_singles
-from piezo_stack_sim.gap.decision import decide_search, Decision
+from piezo_stack_sim.gap.candidates import Search, search_singles
+from piezo_stack_sim.gap.decision import decide_search, Decision, judge_of
 from piezo_stack_sim.gap.evidence import Evidence, prepare, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.pairs import add_pair
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.starts import extent_of
 from piezo_stack_sim.gap.verdict import Cut, Thresholds
 from piezo_stack_sim.gap.voltage import driven_by_voltage, FINE
 from piezo_stack_sim.plant import Device
@@ -33,7 +32,6 @@ DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive
 BEHIND = tuple(name for name in EFFECTS if name not in DRIVE)
 UNMISTAKABLE = 0.5  # excess over the noise power that no effect need explain to be a gap
 LEADING = 2  # effects of the drive whose numbers by the voltage alone are tried
-POLISHED = 3  # effects that are fitted to the end before they are judged
 
 
 @dataclass(frozen=True)
@@ -163,20 +161,9 @@ def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],
     """Return what some effects explain of a part of the chain; ``known`` are places to start."""
     fitter = Fitter(device, evidence)
     fitter.prepare(parallel)
-    search = search_singles(
-        fitter, extent_of(evidence, fitter.base, spans(evidence)), progress, names)
-
-    def again(name):
-        return name, fitter.fit(known[name].effects, search.nominal.phi, STEPS)
-
-    for name, fit in parallel(again, known):
-        if fit.cost < search.fits[name].cost:
-            search.fits[name] = fit
-    polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
-    judge = Judge.from_residual(
-        evidence, search.best.residual, search.nominal.residual)
-    return Part(search, decide_search(fitter, search, judge, 1.0, isolability(fitter, search),
-                                      thresholds))
+    search = search_singles(fitter, progress, names, known)
+    return Part(search, decide_search(fitter, search, judge_of(fitter, search), 1.0,
+                                      isolability(fitter, search), thresholds))
 
 
 def _is_cut(track: Track) -> bool:
