@@ -252,6 +252,10 @@ def test_relatives_are_left_open_where_one_channel_was_measured():
     assert left_open(near, single=True) == ('a', 'b')
     assert left_open(near, single=False) == ('a',)  # the other channels tell them apart
     assert left_open(far, single=True) == ('a',)  # and so does what one leaves
+    # Where even the best leaves much, three times that would be everything.
+    poor, none = Ranked('a', 700.0, 0.62, 1), Ranked('b', 450.0, 0.08, 1)
+    groups = Alike([], [], kin, single=True).groups
+    assert decide([poor, none], [], 0.7, 50.0, groups).tie == ('a',)
 
 
 def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):

@@ -36,7 +36,7 @@ class Thresholds:
     stays: float = 0.4  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
-    as_good: float = 0.85  # part of what the second explains from which another would do as well
+    as_good: float = 0.85  # part of what one explains from which another would do as well
     leftover: float = 0.12  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
@@ -106,7 +106,8 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
 def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: Thresholds
                  ) -> set[str]:
     """Return those who look like the best and leave about as little, the best included."""
-    most = t.alike * (1.0 - ranked[0].removed) + 0.01
+    best = ranked[0].removed
+    most = min(t.alike * (1.0 - best), 1.0 - t.as_good * best) + 0.01
     alike = {name for group in classes if ranked[0].name in group for name in group}
     return {ranked[0].name} | {each.name for each in ranked
                                if each.name in alike and 1.0 - each.removed < most}
