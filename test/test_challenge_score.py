@@ -218,6 +218,9 @@ def test_a_pair_is_judged_by_what_is_selected_not_by_the_best_single():
     row = judge(label('two', ['friction', 'creep']), answer)
     assert row['both'] and row['right'] and row['block']
     assert row['probability'] == 0.7 and row['probability_right']
+    assert row['false_second'] is None
+    row = judge(label('one', ['creep']), answer)
+    assert row['false_second'] and not row['right']
 
 
 def test_pairs_are_told_apart_by_how_loud_the_weaker_is():

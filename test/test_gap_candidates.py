@@ -1,6 +1,10 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses that could pass for what they are not: a badly tuned device, an idle effect."""
+"""
+Hypotheses that could pass for what they are not, and true ones that must not be lost.
+
+What is lost is tried in the library's own form: it asks of the search alone.
+"""
 
 import numpy as np
 from piezo_stack_sim.gap.candidates import is_idle, search_singles, tune

@@ -53,8 +53,10 @@ def sizes(label):
 
 def magnitude(label):
     """Return the class of magnitude of what is hidden, of the weaker of two, or None."""
-    return next((name for limit, name in MAGNITUDES for size in sizes(label)[:1]
-                 if size < limit), None)
+    if not label['effects']:
+        return None
+    weaker = sizes(label)[0]
+    return next(name for limit, name in MAGNITUDES if weaker < limit)
 
 
 def balance(label):
@@ -110,6 +112,7 @@ def judge(label, answer, shrinkage=None):
         'false_alarm': verdict != 'NO_GAP' if not truth else None,
         'effect': hit if one else None,
         'effect_full': hit if one and full else None,
+        'false_second': verdict == 'MULTIPLE' if one else None,
         'ranked_first': ranked[:1] == tuple(truth) if one else None,
         'block': right_block if truth else None,
         'block_full': right_block if one and full else None,

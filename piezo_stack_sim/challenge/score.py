@@ -25,6 +25,7 @@ QUESTIONS = {
     'effect': ('one effect: named first', None),
     'effect_full': ('the same with voltage, charge and displacement', 0.95),
     'ranked_first': ('one effect: ranked first, whatever the verdict', None),
+    'false_second': ('one effect: a second claimed that is not there', None),
     'block': ('right block (of all but the empty sets)', None),
     'block_full': ('one effect, with voltage, charge and displacement: right block', 0.98),
     'covered': ('one effect: among those left open', None),
@@ -44,7 +45,7 @@ BRIEF = ('detected', 'effect', 'block', 'covered', 'right')
 SIMPLER = ('lowest_error', 'bic', 'whiteness')
 ABLATIONS = ('no_cutting', 'no_calibration', 'no_correlation', 'no_withheld')
 #: Questions of which a low rate is the good one.
-LESS_IS_BETTER = ('false_alarm', 'false_unknown')
+LESS_IS_BETTER = ('false_alarm', 'false_second', 'false_unknown')
 
 
 def read_floors(path):

@@ -21,7 +21,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.descent import WIDE
 from piezo_stack_sim.gap.evidence import quieter, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
-from piezo_stack_sim.gap.forward import parallel, simulate_channels, spans
+from piezo_stack_sim.gap.forward import parallel, simulate_channels
 from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
 
 PLACES = 2  # places of an effect from which a fit sets out
@@ -117,7 +117,7 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     """
     search = Search(tune(fitter))
     nominal = search.nominal
-    extent = extent_of(fitter.evidence, fitter.base, spans(fitter.evidence))
+    extent = extent_of(fitter.evidence, fitter.base)
     jobs = [(name, place) for name in names
             for place in ([Place({}, {})] if name == TONE else starts_of(EFFECTS[name], extent))]
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from piezo_stack_sim.effects.base import Effect, Parameter
 from piezo_stack_sim.gap.evidence import Evidence
+from piezo_stack_sim.gap.forward import spans
 
 MOST = 12  # places from which an effect is looked at
 STRENGTHS = (0.05, 0.4, 1.5)  # of a typical strength, for an effect with one number
@@ -33,10 +34,10 @@ class Extent:
     period: float
     duration: float
     frequencies: tuple[float, ...]
-    lags: tuple[float, ...] = ()
+    lags: tuple[float, ...]
 
 
-def extent_of(evidence: Evidence, residual: np.ndarray, spans) -> Extent:
+def extent_of(evidence: Evidence, residual: np.ndarray) -> Extent:
     """Measure how far recordings reach, where a residual peaks, how late the measured comes."""
     commands = [t.recording.command for t in evidence.tracks if t.recording.drive == 'voltage']
     voltage = ((min(float(c.min()) for c in commands), max(float(c.max()) for c in commands))
@@ -44,7 +45,7 @@ def extent_of(evidence: Evidence, residual: np.ndarray, spans) -> Extent:
     displacement = max((float(np.ptp(t.measured['displacement'])) for t in evidence.tracks
                         if 'displacement' in t.measured), default=1e-5)
     current = 0.0
-    simulated = dict(zip(evidence.keys, _simulated(evidence, residual, spans)))
+    simulated = _simulated(evidence, residual)
     for i, track in enumerate(evidence.tracks):
         if 'charge' in track.measured:
             # As simulated: the noise of a fast recording looks like a large current.
@@ -57,13 +58,14 @@ def extent_of(evidence: Evidence, residual: np.ndarray, spans) -> Extent:
     return Extent(voltage, displacement, current or 0.1,
                   min(t.recording.period for t in evidence.tracks),
                   max(t.recording.duration for t in evidence.tracks),
-                  _peaks(evidence, residual, spans), _lags(evidence, simulated))
+                  _peaks(evidence, residual), _lags(evidence, simulated))
 
 
-def _simulated(evidence, residual, spans) -> list[np.ndarray]:
-    """Return what was simulated (m,) of every (track, channel), SI units."""
-    return [evidence.tracks[i].measured[channel] - evidence.tracks[i].errors(
-        channel, residual[where]) for (i, channel), where in zip(evidence.keys, spans)]
+def _simulated(evidence, residual) -> dict[tuple[int, str], np.ndarray]:
+    """Return what was simulated (m,), SI units, by (track, channel)."""
+    return {(i, channel): evidence.tracks[i].measured[channel]
+            - evidence.tracks[i].errors(channel, residual[where])
+            for (i, channel), where in zip(evidence.keys, spans(evidence))}
 
 
 def _lags(evidence, simulated) -> tuple[float, ...]:
@@ -82,10 +84,10 @@ def _lags(evidence, simulated) -> tuple[float, ...]:
     return tuple(dict.fromkeys(lag for gain, lag in found[:2] if gain > 0.0))
 
 
-def _peaks(evidence, residual, spans) -> tuple[float, ...]:
+def _peaks(evidence, residual) -> tuple[float, ...]:
     """Return the frequencies (Hz) at which the residual of the displacement stands out most."""
     found = []
-    for (i, channel), where in zip(evidence.keys, spans):
+    for (i, channel), where in zip(evidence.keys, spans(evidence)):
         if channel != 'displacement':
             continue
         track = evidence.tracks[i]
