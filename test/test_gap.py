@@ -230,6 +230,17 @@ def test_equal_scores_share_the_probability():
     assert verdict.word == 'AMBIGUOUS' and set(verdict.tie) == {'a', 'b'}
 
 
+def test_of_two_that_do_equally_well_the_one_with_fewer_numbers_is_named_first():
+    stop, spring = Ranked('contact', 1001.0, 0.999, 4), Ranked('parallel_stiffness', 1000.0,
+                                                               0.999, 2)
+    verdict = decide([stop, spring], [], 0.999, 50.0, [])
+    assert verdict.word == 'AMBIGUOUS' and verdict.selected == ('parallel_stiffness',)
+    assert verdict.tie == ('parallel_stiffness', 'contact')
+    # The better form counts for more than fewer numbers.
+    worse = Ranked('parallel_stiffness', 970.0, 0.97, 2)
+    assert decide([stop, worse], [], 0.999, 50.0, []).selected == ('contact',)
+
+
 def test_what_recordings_cannot_tell_apart_shares_the_probability():
     one, other, far = (Ranked('a', 700.0, 0.98, 1), Ranked('b', 670.0, 0.96, 1),
                        Ranked('c', 660.0, 0.95, 1))

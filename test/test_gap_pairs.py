@@ -81,7 +81,7 @@ def test_through_the_lens_what_is_loud_somewhere_hides_nothing_elsewhere(evidenc
 
 
 def test_a_weak_second_effect_is_found_beside_what_the_form_of_the_first_misses(device):
-    truth = device.with_effects({'asymmetric_hysteresis': {'quadratic': 0.004}})
+    truth = device.with_effects({'asymmetric_hysteresis': {'quadratic': 0.016}})
     answer = diagnose_set(a_set(truth), device, traces=False).document
     assert answer['verdict'] == 'MULTIPLE'
     assert set(answer['selected']) == {'asymmetric_hysteresis', 'sensor_delay'}

@@ -3,13 +3,13 @@
 """
 A saturating, asymmetric ceramic: the loop is bowed.
 
-The reversible last element of the Maxwell capacitor becomes a polynomial.  With
-s = q/q_full, and V_full, q_full the end of the first rise:
+The reversible last element of the Maxwell capacitor becomes a polynomial, whose
+linear part is the nominal one.  With s = q/q_full, and V_full, q_full the end of
+the first rise, the same charge takes more voltage by
 
-    v_bow = -V_full (4 quadratic s (1 - s) + 2.598 cubic s (1 - s^2))
+    v_bow = V_full (quadratic s^2 + cubic s^3)
 
-Both terms vanish at s = 0 and 1 and reach 1 between: the numbers are departures
-from the straight line, as fractions of the full voltage.
+The loop departs from its own chord by a quarter of ``quadratic``.
 
 The branches may differ as well: an element breaks at V_i (1 + branch) on the way
 up and at -V_i (1 - branch) on the way down.  That is an element with V_i both
@@ -27,8 +27,6 @@ import math
 
 from piezo_stack_sim.effects.base import Effect, Parameter
 
-WAVE = 1.5 * math.sqrt(3.0)  # s (1 - s^2) reaches 1/WAVE
-
 
 def apply(model, quadratic, cubic, branch):
     """Bow the voltage over the charge, and let the branches differ."""
@@ -38,22 +36,20 @@ def apply(model, quadratic, cubic, branch):
         model.add_opposing_voltage({'branch_offset': branch * sum(
             volt for volt in model.maxwell_v if math.isfinite(volt))})
     volts, charge = model.reference.voltage, model.reference.charge
-    model.add_opposing_voltage({'charge': -(4.0 * quadratic + WAVE * cubic) * volts / charge})
     v2, v3 = model.smooth_voltage
-    model.smooth_voltage = (v2 + 4.0 * quadratic * volts / charge ** 2,
-                            v3 + WAVE * cubic * volts / charge ** 3)
+    model.smooth_voltage = (v2 + quadratic * volts / charge ** 2, v3 + cubic * volts / charge ** 3)
 
 
 EFFECT = Effect(
     'asymmetric_hysteresis', 'electrical',
     'The loop of charge and displacement over voltage is bowed: rise and fall differ in shape.',
     (
-        Parameter('quadratic', '1', 0.0, -0.06, 0.06, 0.02,
-                  'bow of voltage over charge; positive: more charge at half the voltage',
+        Parameter('quadratic', '1', 0.0, -0.06, 0.4, 0.08,
+                  'voltage at full charge beyond the straight line; positive: saturation',
                   runtime=False),
-        Parameter('cubic', '1', 0.0, -0.03, 0.03, 0.0,
-                  'S shape of voltage over charge, equal for both signs', runtime=False),
-        Parameter('branch', '1', 0.0, -0.15, 0.15, 0.0,
+        Parameter('cubic', '1', 0.0, -0.03, 0.1, 0.0,
+                  'the same, odd in the charge: both ends of a bipolar loop alike', runtime=False),
+        Parameter('branch', '1', 0.0, -0.1, 0.1, 0.0,
                   'by how much elements break later rising than falling', runtime=False),
     ),
     apply, channels=('charge', 'displacement'))

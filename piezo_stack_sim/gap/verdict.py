@@ -27,6 +27,7 @@ class Thresholds:
     sure: float = 40.0  # gain that counts as a gap even where hardly any power is left
     excess: float = 0.12  # mean square beyond that of the noise that counts as structure
     temperature: float = 2.5  # nats by which two effects must differ to be told apart
+    occam: float = 0.2  # log odds that a number which an effect may choose costs it
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
     explained: float = 0.55  # part of the removable gap that a cause must remove
     second: float = 40.0  # nats that a second effect must explain where it acts
@@ -82,12 +83,14 @@ class Ranked:
 def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
                   classes: Collection[Collection[str]] = ()) -> np.ndarray:
     """
-    Return the probabilities of hypotheses, best first, if one of them is the whole cause.
+    Return the probabilities of hypotheses, in their order, if one of them is the whole cause.
 
     A score is worth less than its nats, because no library holds the true form
     of an effect: differences are divided by a learned temperature, which grows
     with what even the best leaves unexplained.  Between effects that the
     recordings cannot tell apart hardly anything but the form makes a difference.
+    Of two that do equally well the one with fewer numbers is the likelier: a stop
+    without a gap is a spring, so that the stop does no worse where a spring is.
     """
     gains = np.array([r.gain for r in ranked])
     best = ranked[0]
@@ -100,6 +103,7 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     group = [i for i, each in enumerate(ranked) if each.name in alike]
     share = np.exp((gains[group] - gains.max()) / misled)
     weight[group] = weight[group].sum() * share / share.sum()
+    weight *= np.exp(-thresholds.occam * np.array([r.parameters for r in ranked]))
     return weight / weight.sum()
 
 
@@ -214,18 +218,19 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        f'noise power is left; {known}, a flexible correction '
                        f'{_percent(ceiling)}', t.unknown, 1.0 - t.unknown)
     tie = tie_of(singles, chance, classes, t)
-    sure = best.odds(t.one)
+    named = next(r for r in singles if r.name == tie[0])
+    sure = named.odds(t.one)
     among = sure * float(sum(c for r, c in zip(singles, chance) if r.name in tie))
     if len(tie) >= t.too_many:
         return Verdict('NOT_IDENTIFIABLE', (), tie, f'{len(tie)} effects explain the gap about '
                        'equally well with these channels', among, sure)
     if len(tie) > 1:
-        return Verdict('AMBIGUOUS', (best.name,), tie, 'these recordings do not decide between '
+        return Verdict('AMBIGUOUS', (named.name,), tie, 'these recordings do not decide between '
                        f'{len(tie)} effects', among, sure)
-    does = (f'removes {_percent(best.removed)} of the removable gap' if explained >= t.explained
+    does = (f'removes {_percent(named.removed)} of the removable gap' if explained >= t.explained
             else 'explains what hardly stands out of the noise')
-    return Verdict('CAUSE', (best.name,), (best.name,),
-                   f'{words(best.name)} {does} and nothing else comes close', among, sure)
+    return Verdict('CAUSE', (named.name,), (named.name,),
+                   f'{words(named.name)} {does} and nothing else comes close', among, sure)
 
 
 def _by_rank(pair: Ranked, singles: list[Ranked]) -> tuple[str, ...]:
@@ -305,10 +310,11 @@ def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresho
 
 
 def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
-    """Return the effects that cannot be told from the best, best first."""
+    """Return the effects that cannot be told from the best, the likeliest first."""
     tie, covered = [], 0.0
-    for ranked, probability in zip(singles, chance):
-        if covered < t.cover or probability > t.together * chance[0]:
+    likeliest = sorted(zip(singles, chance), key=lambda row: -row[1])
+    for ranked, probability in likeliest:
+        if covered < t.cover or probability > t.together * likeliest[0][1]:
             if probability > 0.002:
                 tie.append(ranked.name)
                 covered += probability

@@ -60,6 +60,7 @@ class Model:
     output_resistance: float = 0.0
     internal_resistance: float = 0.0
     current_limit: float = math.inf
+    sink_share: float = 1.0
     command_delay: float = 0.0
     sensor_delay: float = 0.0
     friction_stiffness: float = 0.0
@@ -307,6 +308,7 @@ def assemble(model: Model) -> System:
     real[layout.R_RESISTANCE] = model.output_resistance if charge_is_state else 0.0
     real[layout.R_INTERNAL] = model.internal_resistance if charge_is_state else 0.0
     real[layout.R_LIMIT] = model.current_limit if limited else 0.0
+    real[layout.R_SINK] = real[layout.R_LIMIT] * model.sink_share
     real[layout.R_FRICTION_K] = model.friction_stiffness
     real[layout.R_FRICTION_F] = model.friction_force
     real[layout.R_GAP] = model.contact_gap if math.isfinite(model.contact_gap) else 0.0
