@@ -355,7 +355,7 @@ def test_a_stop_is_met_at_its_gap():
 
 
 def test_a_mount_creeps_more_in_displacement_than_in_charge():
-    target = device('mount_creep').with_effects({'amplifier_bandwidth': SOURCE})
+    target = device('mount_creep', power=0.0).with_effects({'amplifier_bandwidth': SOURCE})
     response = simulate(target, DECADES, np.full(DECADES.size, 90.0))
     shares = []
     for y in (response.displacement, response.charge):
@@ -364,6 +364,13 @@ def test_a_mount_creeps_more_in_displacement_than_in_charge():
     # What the motion draws at constant voltage: dq = T/(1 + C K) dx (Eqs. 11, 12).
     drawn = 10.0 / (1.0 + 1.2e-6 * 0.5e6) * 12.4e-6 / 133e-6
     assert shares[1] / shares[0] == pytest.approx(drawn, rel=0.03)
+
+
+def test_a_mount_that_yields_with_a_power_of_time_gives_less_in_each_decade():
+    target = device('mount_creep', power=0.1).with_effects({'amplifier_bandwidth': SOURCE})
+    x = simulate(target, DECADES, np.full(DECADES.size, 90.0)).displacement
+    early, late = (at(DECADES, x, 10.0 * since) - at(DECADES, x, since) for since in (0.3, 3.0))
+    assert late / early == pytest.approx(10.0 ** -0.1, rel=0.03)
 
 
 # -- environment and sensor ---------------------------------------------------------
@@ -389,9 +396,17 @@ def test_a_disturbance_is_there_at_rest_with_its_amplitude_and_frequency():
 
 def test_a_sensor_lag_halves_the_power_at_its_bandwidth():
     (gain, lag), (base, lead) = (lags(target, 1000.0)[2] for target in (
-        device('sensor_lag', time_constant=1.0 / (2.0 * math.pi * 1000.0)), IDEAL))
+        device('sensor_lag', time_constant=1.0 / (2.0 * math.pi * 1000.0), second=0.0), IDEAL))
     assert gain / base == pytest.approx(math.sqrt(0.5), rel=1e-3)
     assert lag - lead == pytest.approx(45.0, abs=0.2)
+
+
+def test_two_equal_poles_of_a_sensor_halve_the_amplitude_where_each_turns_by_45_degrees():
+    tau = 1.0 / (2.0 * math.pi * 1000.0)
+    (gain, lag), (base, lead) = (lags(target, 1000.0)[2] for target in (
+        device('sensor_lag', time_constant=2.0 * tau, second=0.5), IDEAL))
+    assert gain / base == pytest.approx(0.5, rel=1e-3)
+    assert lag - lead == pytest.approx(90.0, abs=0.3)
 
 
 @pytest.mark.parametrize('delay', [2e-4, 2.5e-4, 3.3e-5])
