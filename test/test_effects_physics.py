@@ -122,11 +122,13 @@ def test_the_nominal_curve_holds_at_the_reference_time_of_creep():
     command = np.full(DECADES.size, 90.0)
     source = IDEAL.with_effects({'amplifier_bandwidth': SOURCE})
     ideal = simulate(source, DECADES, command).displacement[-1]
-    for moment in (0.1, 1.0):
+    for moment, decades in ((0.1, 3), (1.0, 4)):
         target = device('creep', reference_time=moment).with_effects({
             'amplifier_bandwidth': SOURCE})
         x = simulate(target, DECADES, command).displacement
-        assert at(DECADES, x, moment) == pytest.approx(ideal, rel=5e-4)
+        # The charge that comes late takes less than a tenth of the voltage off the Maxwell
+        # elements, which then hold what they were led beyond.
+        assert 0.0 <= at(DECADES, x, moment) / ideal - 1.0 < 0.1 * decades * 0.015
 
 
 def test_gain_falls_by_creep_with_each_decade_of_frequency():

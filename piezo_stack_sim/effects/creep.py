@@ -3,14 +3,13 @@
 """
 Slow polarisation of the ceramic: charge and displacement creep together.
 
-Maxwell dashpot branches in series with the Maxwell capacitor's voltage, one per
-decade of time, with g_i the part of the charge that branch i has forgotten:
+Kelvin-Voigt branches, one per decade of time.  The charge that has passed the
+Maxwell elements at once, q_m, is followed by a part that passes none of them:
 
-    v_creep = sum_i K_c (q - g_i) - K_c N_ref q,     dg_i/dt = (q - g_i) / tau_i
+    q = q_m + gamma sum_i (g_i - N_i q_m),      dg_i/dt = (q_m - g_i) / tau_i
 
-N_ref = sum_i exp(-reference_time/tau_i) counts the slower branches: so long
-after a step the stack is where the nominal curve says.  One decade adds
-gamma = K_c / (dv/dq), with dv/dq the elastance of the stack at large signals.
+N_i = 1 - exp(-reference_time/tau_i): so long after a step the stack is where the
+nominal curve says.  Each decade adds gamma = ``gain_per_decade`` of the stroke.
 
 Look-alikes: ``thermal_drift``, ``sensor_drift`` (no charge), ``mount_creep``
 (less charge), ``leakage`` (charge alone).
@@ -27,13 +26,12 @@ LONGEST = 1e3  # s
 
 def apply(model, gain_per_decade, reference_time):
     """Add one branch per decade of time."""
-    k_c = gain_per_decade * model.reference.elastance
     for i in range(round(math.log10(LONGEST / SHORTEST)) + 1):
         tau = SHORTEST * 10.0 ** i
         name = f'creep_{i}'
         model.add_state(name, {'charge': 1.0 / tau, name: -1.0 / tau})
-        slow = math.exp(-reference_time / tau)
-        model.add_opposing_voltage({'charge': k_c * (1.0 - slow), name: -k_c})
+        quick = 1.0 - math.exp(-reference_time / tau)
+        model.add_charge({'charge': -gain_per_decade * quick, name: gain_per_decade})
 
 
 EFFECT = Effect(

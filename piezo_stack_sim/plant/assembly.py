@@ -83,6 +83,7 @@ class Model:
     rates: dict[str, dict[str, float]] = field(default_factory=dict)
     force_terms: dict[str, float] = field(default_factory=dict)
     voltage_terms: dict[str, float] = field(default_factory=dict)
+    charge_terms: dict[str, float] = field(default_factory=dict)
     charge_reading_terms: dict[str, float] = field(default_factory=dict)
     charge_loss_terms: dict[str, float] = field(default_factory=dict)
     reading_terms: dict[str, float] = field(default_factory=lambda: {'displacement': 1.0})
@@ -114,6 +115,14 @@ class Model:
     def add_reading(self, terms: Mapping[str, float]) -> None:
         """Add displacements (m) to what is read."""
         _accumulate(self.reading_terms, terms)
+
+    def add_charge(self, terms: Mapping[str, float]) -> None:
+        """
+        Add charges (C, sources: states, charge) on the stack that pass no Maxwell element.
+
+        A given charge counts them in: the Maxwell elements get the rest.
+        """
+        _accumulate(self.charge_terms, terms)
 
     def add_charge_reading(self, terms: Mapping[str, float]) -> None:
         """Add charges (C) that the charge measurement sees but the stack does not."""
@@ -266,11 +275,15 @@ def assemble(model: Model) -> System:
             out[column[source]] += gain
         return out
 
+    # All charge on the stack, and that which passes the Maxwell elements for it at once.
+    charge = row(model.charge_terms)
+    charge[column['charge']] += 1.0
+    share = charge[column['charge']]
     rates = np.zeros((n_states, width))
     if not model.clamped:
         rates[0, 1] = 1.0
         force = row(model.force_terms)
-        force[column['charge']] += model.T / model.C  # Eq. 14 with v_t = (q - T x)/C, Eq. 11
+        force += model.T / model.C * charge  # Eq. 14 with v_t = (q - T x)/C, Eq. 11
         force[0] -= model.k + model.T ** 2 / model.C
         force[1] -= model.b
         force[base + layout.A_FRICTION] += 1.0
@@ -283,17 +296,21 @@ def assemble(model: Model) -> System:
     opposing = np.zeros((2, n_states + 1))
     for source, gain in model.voltage_terms.items():
         opposing[0, n_states if source == 'charge' else column[source]] += gain
+    for source, gain in model.charge_terms.items():
+        opposing[0, n_states if source == 'charge' else column[source]] += gain / model.C
+        if source != 'charge':
+            opposing[1, column[source]] += gain / share
     for source, gain in model.charge_loss_terms.items():
-        opposing[1, column[source]] += gain
+        opposing[1, column[source]] += gain / share
 
     reading = np.zeros((layout.N_OUTPUTS, width))
     reading[0] = row(model.reading_terms)
     reading[1, 1] = 1.0
-    reading[2] = row({'charge': 1.0, **model.charge_reading_terms})
+    reading[2] = charge + row(model.charge_reading_terms)
     reading[3, column['voltage']] = 1.0
-    reading[4, column['charge']] = model.T / model.C
-    reading[4, 0] = -model.T ** 2 / model.C
-    reading[5, column['charge']] = 1.0
+    reading[4] = model.T / model.C * charge
+    reading[4, 0] -= model.T ** 2 / model.C
+    reading[5] = charge
 
     k = np.ascontiguousarray(model.maxwell_k, dtype=float)
     v_break = np.ascontiguousarray(model.maxwell_v, dtype=float)
@@ -305,9 +322,10 @@ def assemble(model: Model) -> System:
     real[layout.R_MASS] = model.m
     real[layout.R_STIFFNESS] = model.k
     real[layout.R_DAMPING] = model.b
-    real[layout.R_RESISTANCE] = model.output_resistance if charge_is_state else 0.0
-    real[layout.R_INTERNAL] = model.internal_resistance if charge_is_state else 0.0
-    real[layout.R_LIMIT] = model.current_limit if limited else 0.0
+    # The Maxwell elements get a share of the current.
+    real[layout.R_RESISTANCE] = share * model.output_resistance if charge_is_state else 0.0
+    real[layout.R_INTERNAL] = share * model.internal_resistance if charge_is_state else 0.0
+    real[layout.R_LIMIT] = model.current_limit / share if limited else 0.0
     real[layout.R_SINK] = real[layout.R_LIMIT] * model.sink_share
     real[layout.R_FRICTION_K] = model.friction_stiffness
     real[layout.R_FRICTION_F] = model.friction_force
@@ -319,6 +337,7 @@ def assemble(model: Model) -> System:
     real[layout.R_OMEGA_FAST] = max(model.slow_rates, default=0.0)
     real[layout.R_GROWTH] = model.break_growth
     real[layout.R_EXPONENT] = model.break_growth_exponent
+    real[layout.R_SHARE] = share
     real[layout.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
 
     stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness

@@ -43,8 +43,8 @@ N_AHEAD = 3  # of them are known at the end of a sub-step together with the stat
 # Real parameters of the kernel.
 (R_T, R_C, R_MASS, R_STIFFNESS, R_RESISTANCE, R_INTERNAL, R_LIMIT, R_SINK, R_FRICTION_K,
  R_FRICTION_F, R_GAP, R_CONTACT_K, R_V2, R_V3, R_K2, R_K3, R_OMEGA_EXTRA, R_RATE_MAX,
- R_TOL, R_DAMPING, R_OMEGA_FAST, R_QUICKEST, R_GROWTH, R_EXPONENT) = range(24)
-N_REAL = 24
+ R_TOL, R_DAMPING, R_OMEGA_FAST, R_QUICKEST, R_GROWTH, R_EXPONENT, R_SHARE) = range(25)
+N_REAL = 25
 
 # Integer parameters.
 (I_DRIVE, I_QSTATE, I_FRICTION, I_CONTACT, I_LIMITER, I_SMOOTH, I_CLAMPED, I_SOURCE,

@@ -14,8 +14,8 @@ from piezo_stack_sim.plant.layout import (
     A_RC, F_CONTACT, F_FRIC, F_LIMIT, F_SLIP, I_CLAMPED, I_DRIVE, I_FRICTION, I_INPUTS,
     I_QSTATE, I_RELAXING, I_SMOOTH, I_SOURCE, N_AHEAD, N_INPUTS, N_OUTPUTS, ONE, R_C,
     R_CONTACT_K, R_FRICTION_K, R_INTERNAL, R_LIMIT, R_MASS, R_OMEGA_EXTRA, R_OMEGA_FAST,
-    R_RATE_MAX, R_RESISTANCE, R_SINK, R_STIFFNESS, R_T, SMOOTH_V, U, VOLTAGE, W_OUT, W_Q, W_Q1,
-    W_Q2, W_Q3, W_WANT, W_X2, W_X3, WORK_Q, WORK_SOURCE, WORK_V, WORK_WANT)
+    R_RATE_MAX, R_RESISTANCE, R_SHARE, R_SINK, R_STIFFNESS, R_T, SMOOTH_V, U, VOLTAGE, W_OUT, W_Q,
+    W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3, WORK_Q, WORK_SOURCE, WORK_V, WORK_WANT)
 
 TERMS = 12  # of the series for one tick
 
@@ -126,7 +126,7 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
             q_row[c] *= scale
     else:
         for c in range(width):
-            q_row[c] = source[c]
+            q_row[c] = source[c] / real[R_SHARE]
         for c in range(n_states):
             q_row[c] -= opposing[1, c]
 

@@ -16,8 +16,8 @@ from piezo_stack_sim.plant.layout import (
     F_FRIC, F_FRIC_DIR, F_LIMIT, F_SLIP, GROWTH_CURRENT, GROWTH_MEMORY, GROWTH_STEP, I_CONTACT,
     I_DRIVE, I_FRICTION, I_LIMITER, I_QSTATE, I_SMOOTH, I_SOURCE, M_BEGAN, M_CHARGE, M_CURRENT,
     M_FRICTION, M_FURTHEST, M_GROWTH, M_JUMP, M_SINCE, M_SLIDE, R_C, R_CONTACT_K, R_EXPONENT,
-    R_FRICTION_F, R_FRICTION_K, R_GAP, R_GROWTH, R_K2, R_K3, R_LIMIT, R_SINK, R_T, R_V2, R_V3,
-    SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
+    R_FRICTION_F, R_FRICTION_K, R_GAP, R_GROWTH, R_K2, R_K3, R_LIMIT, R_SHARE, R_SINK, R_T, R_V2,
+    R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
 
 
 @jit
@@ -160,7 +160,7 @@ def settle(s, inputs, flags, p, r, k, v_break, real, ip, opposing, x_block):
         q = s[iq]
     else:
         row = 0 if ip[I_DRIVE] == VOLTAGE else 1
-        target = source
+        target = source if row == 0 else source / real[R_SHARE]
         for c in range(n_states):
             target -= opposing[row, c] * s[c]
         slope_cap = 0.0

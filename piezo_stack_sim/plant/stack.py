@@ -132,7 +132,11 @@ class Plant:
 
     def _idle_command(self) -> float:
         """Return the source value that keeps the device as it is."""
-        return float(self._memory[layout.M_CHARGE]) if self.drive in ('charge', 'open') else 0.0
+        if self.drive not in ('charge', 'open'):
+            return 0.0
+        system = self._system
+        return float(system.real[layout.R_SHARE] * (
+            self._memory[layout.M_CHARGE] + system.opposing[1, :-1] @ self._s))
 
     # -- state -------------------------------------------------------------------
 
