@@ -138,7 +138,7 @@ def test_the_noise_is_estimated_from_the_data_alone(device):
 
 
 def test_what_a_cause_leaves_tells_the_noise_that_slow_creep_had_raised(device):
-    truth = device.with_effects({'creep': {'gain_per_decade': 0.02}})
+    truth = device.with_effects({'creep': {'gain_per_decade': 0.06}})
     programme = programmes.steps(levels=(0.0, 60.0, 20.0), hold=1.0)
     recordings = [measure(truth, programme, NOISE, seed) for seed in range(2)]
     nominal, known = simulate_set(device, recordings), simulate_set(truth, recordings)
@@ -286,6 +286,9 @@ def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):
     (Ranked('a', 500.0, 0.99, 1), 20.0, 'CAUSE'),
     (Ranked('a', 3.0, 0.99, 1), 0.05, 'NO_GAP'),
     (Ranked('a', 500.0, 0.20, 1), 20.0, 'UNKNOWN'),
+    (Ranked('a', 500.0, 0.40, 1, 0.3), 20.0, 'UNKNOWN'),  # it leaves the half of a channel
+    (Ranked('a', 100.0, 0.40, 1), 0.05, 'UNKNOWN'),
+    (Ranked('a', 100.0, 0.0, 1), 0.05, 'CAUSE'),  # too little to remove any, but not chance
     (Ranked('a', 3.0, 0.01, 1), 20.0, 'UNKNOWN')])
 def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, word):
     assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word

@@ -29,7 +29,9 @@ class Thresholds:
     temperature: float = 2.5  # nats by which two effects must differ to be told apart
     occam: float = 0.2  # log odds that a number which an effect may choose costs it
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
-    explained: float = 0.55  # part of the removable gap that a cause must remove
+    explained: float = 0.55  # part of the gap that a cause must remove, pooled or by all tracks
+    half: float = 0.5  # and the part pooled over the channels, where there is anything to remove
+    trace: float = 0.05  # part removed up to which there is hardly anything
     second: float = 40.0  # nats that a second effect must explain where it acts
     second_form: float = 0.03  # or, if more, this part of what the first explains
     second_part: float = 0.25  # and the part of what the first leaves there
@@ -207,8 +209,10 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             return Verdict('MULTIPLE', _by_rank(pair, singles), (),
                            _why_two(best, pair, pairs, t), sure, 1.0 - sure)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
-    if not clear and (best.gain < t.detect + 2.0 * best.parameters or explained < t.explained):
-        if structure < t.excess:
+    poor = best.removed < t.half and not (clear and best.removed < t.trace)
+    if poor or not clear and (best.gain < t.detect + 2.0 * best.parameters
+                              or explained < t.explained):
+        if structure < t.excess and not clear:
             return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
                            'parameters within their uncertainty is noise', t.nothing,
                            1.0 - t.nothing)
