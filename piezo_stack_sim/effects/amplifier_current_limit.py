@@ -33,8 +33,8 @@ EFFECT = Effect(
     (
         Parameter('limit', 'A', math.inf, 1e-3, 100.0, 0.1, 'largest current that it sources',
                   scale='log'),
-        Parameter('sink_share', '1', 1.0, 0.3, 1.5, 0.8, 'largest current that it sinks, over that',
-                  magnitude=False),
+        Parameter('sink_share', '1', 1.0, 0.3, 1.5, 0.8,
+                  'largest current that it sinks, over that', magnitude=False),
         Parameter('output_resistance', 'ohm', 1.0, 1.0, 1e3, 2.0,
                   'resistance between driver and stack', magnitude=False),
     ),

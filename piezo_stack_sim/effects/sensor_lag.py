@@ -17,6 +17,7 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 
 INSTANT = 1e-9  # s; a quicker pole is none
 
+
 def apply(model, time_constant, second):
     """Read through one lag of first order, or two in a row."""
     if second > 0.0:

@@ -70,8 +70,7 @@ def _goes_on(d1, d2, d3, omega, damping, direction, small, exact):
 def calm_time(now, x, w, omega, damping, exact, flags, p, r, real, ip, x_block):
     """Return for how long (s) there can be no event that a longer sub-step would hide."""
     if ip[I_LIMITER] != 0 and (flags[F_LIMIT] != 0
-                               or abs(now[W_WANT]) > 0.5 * min(real[R_LIMIT],
-                                                                     real[R_SINK])):
+                               or abs(now[W_WANT]) > 0.5 * min(real[R_LIMIT], real[R_SINK])):
         return 0.0  # ringing may lead it across the limit and back
     if flags[F_SLIP] > 0:
         calm = _goes_on(now[W_Q1], now[W_Q2], now[W_Q3], omega, damping, flags[F_DIR], REST,
