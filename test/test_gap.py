@@ -294,6 +294,16 @@ def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, w
     assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
 
 
+def test_who_removes_most_of_a_gap_comes_before_who_predicts_more_rows_and_removes_little():
+    quiet, loud = Ranked('sensor_lag', 900.0, 0.1, 1, 0.7), Ranked('friction', 200.0, 0.9, 1, 0.4)
+    other = Ranked('contact', 150.0, 0.3, 1, 0.8)
+    verdict = decide([quiet, loud, other], [], 0.95, 50.0, [])
+    assert verdict.word == 'CAUSE' and verdict.selected == ('friction',)
+    assert 'sensor lag' in verdict.reason and 'may be two' in verdict.reason
+    assert probabilities([quiet, loud, other]) == pytest.approx([0.0, 1.0, 0.0])
+    assert decide([quiet, other], [], 0.95, 50.0, []).word == 'UNKNOWN'
+
+
 @pytest.mark.parametrize('second, part, removed, left, word', [
     (300.0, 0.8, 0.99, 0.02, 'MULTIPLE'),
     (10.0, 0.8, 0.99, 0.02, 'CAUSE'),  # too little to tell
@@ -346,6 +356,9 @@ def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_c
     for second, word in ((150.0, 'CAUSE'), (250.0, 'MULTIPLE')):
         other = Ranked('mount_creep+thermal_drift', 940.0, 0.99, 3, 0.02, second=second, part=0.5)
         assert decide(singles, [relative, other], 0.99, 50.0, [], kin=kin).word == word
+    # One that leaves far less than the relative, all in all, is another matter.
+    poor = replace(relative, left=0.08)
+    assert decide(singles, [poor, other], 0.99, 50.0, [], kin=kin).word == 'MULTIPLE'
 
 
 def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):

@@ -40,10 +40,13 @@ def amplifier_bandwidth(unit, time_constant, inner, quiescent):
 
 
 @register(KNOWN, 'drive', 'output impedance that diverges softly towards the limit (atanh), '
-          'sinks less than it sources', ALL, limit=log(6e-3, 0.15), sinks=uniform(0.6, 0.95))
-def amplifier_current_limit(unit, limit, sinks):
+          'sinks less than it sources', ALL, limit=log(6e-3, 0.15), sinks=uniform(0.6, 0.95),
+          resistance=log(8.0, 25.0))
+def amplifier_current_limit(unit, limit, sinks, resistance):
+    # So much that it shows how softly the limit is met: emitter resistors of a class AB stage.
     return unit.change(stack={'current_limit': limit, 'sink_share': sinks,
-                              'output_resistance': max(2.0, unit.stack.output_resistance)})
+                              'output_resistance': max(resistance,
+                                                       unit.stack.output_resistance)})
 
 
 @register(KNOWN, 'drive', 'gain and offset error with a slight curvature', ALL,
@@ -75,7 +78,7 @@ def rate_dependent_hysteresis(unit, growth, reference):
 
 
 @register(KNOWN, 'electrical', 'exponential restoring voltage and unequal branches', BOTH,
-          bow=either_sign(2e-2, 3.0), charge=log(6e-5, 1.5e-4), branch=uniform(0.005, 0.03))
+          bow=either_sign(2e-2, 3.0), charge=log(2.5e-5, 6e-5), branch=uniform(0.005, 0.03))
 def asymmetric_hysteresis(unit, bow, charge, branch):
     # `bow` is the voltage at 130 uC; the branches differ by `branch` per volt of it.
     full = 1.3e-4

@@ -32,6 +32,7 @@ class Thresholds:
     explained: float = 0.55  # part of the gap that a cause must remove, pooled or by all tracks
     half: float = 0.5  # and the part pooled over the channels, where there is anything to remove
     trace: float = 0.05  # part removed up to which there is hardly anything
+    most: float = 0.75  # part that another must remove to come before a best that is poor
     second: float = 40.0  # nats that a second effect must explain where it acts
     second_form: float = 0.03  # or, if more, this part of what the first explains
     second_part: float = 0.25  # and the part of what the first leaves there
@@ -40,6 +41,7 @@ class Thresholds:
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
     as_good: float = 0.85  # part of what one explains from which another would do as well
+    shade: float = 0.5  # part of what a relative of the first leaves above which a pair is like it
     leftover: float = 0.12  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
@@ -94,19 +96,34 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     Of two that do equally well the one with fewer numbers is the likelier: a stop
     without a gap is a spring, so that the stop does no worse where a spring is.
     """
-    gains = np.array([r.gain for r in ranked])
-    best = ranked[0]
+    able = contenders(ranked, thresholds)
+    gains = np.array([r.gain if r in able else -np.inf for r in ranked])
+    best = able[0]
     # What the best leaves, no hypothesis of the library has the form of.
     unknown = thresholds.form + 0.05 * (1.0 - min(max(best.removed, 0.0), 1.0))
     temperature = thresholds.temperature + unknown * max(best.gain, 0.0)
     weight = np.exp((gains - gains.max()) / temperature)
     misled = thresholds.temperature + thresholds.alike_form * max(best.gain, 0.0)
-    alike = _look_alikes(ranked, classes, thresholds)
+    alike = _look_alikes(able, classes, thresholds)
     group = [i for i, each in enumerate(ranked) if each.name in alike]
     share = np.exp((gains[group] - gains.max()) / misled)
     weight[group] = weight[group].sum() * share / share.sum()
     weight *= np.exp(-thresholds.occam * np.array([r.parameters for r in ranked]))
     return weight / weight.sum()
+
+
+def contenders(ranked: list[Ranked], t: Thresholds = DEFAULTS) -> list[Ranked]:
+    """
+    Return which hypotheses may be the whole cause, best first.
+
+    All, unless the best by score leaves more than half of the gap and another removes most of
+    it: then only who removes half.  A quiet effect in many rows scores more than a loud one in
+    few.
+    """
+    if ranked[0].removed >= t.half or max(r.removed for r in ranked
+                                          if r.gain > t.detect or r is ranked[0]) < t.most:
+        return ranked
+    return [r for r in ranked if r.removed >= t.half and r.gain > t.detect]
 
 
 def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: Thresholds
@@ -208,6 +225,10 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             sure = pair.odds(t.two)
             return Verdict('MULTIPLE', _by_rank(pair, singles), (),
                            _why_two(best, pair, pairs, t), sure, 1.0 - sure)
+    first, singles = best, contenders(singles, t)
+    chance = probabilities(singles, t, classes)
+    best = singles[0]
+    explained = max(best.removed, 1.0 - best.left)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
     poor = best.removed < t.half and not (clear and best.removed < t.trace)
     if poor or not clear and (best.gain < t.detect + 2.0 * best.parameters
@@ -233,8 +254,11 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        f'{len(tie)} effects', among, sure)
     does = (f'removes {_percent(named.removed)} of the removable gap' if explained >= t.explained
             else 'explains what hardly stands out of the noise')
+    rest = ('nothing else comes close' if first is best else
+            f'{words(first.name)}, which predicts more rows, {_percent(first.removed)}: there may '
+            'be two')
     return Verdict('CAUSE', (named.name,), (named.name,),
-                   f'{words(named.name)} {does} and nothing else comes close', among, sure)
+                   f'{words(named.name)} {does} and {rest}', among, sure)
 
 
 def _by_rank(pair: Ranked, singles: list[Ranked]) -> tuple[str, ...]:
@@ -305,11 +329,13 @@ def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresho
     """
     Tell whether a relative of the first explains more than the second of a pair, and is none.
 
-    That one only fills in what the form of the first misses: so does this.
+    That one only fills in what the form of the first misses: so does this, unless together with
+    the first it leaves far less, all in all.
     """
     return best.name in pair.name.split('+') and any(
         best.name in other.name.split('+') and _are_relatives(other, kin)
         and other.second > pair.second and not _counts(best, other, t, kin)
+        and pair.left > t.shade * other.left
         for other in pairs if other is not pair)
 
 
