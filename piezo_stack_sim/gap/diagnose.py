@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-import gc
 import time
 
 from piezo_stack_sim.gap import blackbox
@@ -92,7 +91,6 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
 
     """
     started = time.perf_counter()
-    gc.collect()  # what an earlier diagnosis left in circles: hundreds of megabytes
     progress('checking the recordings')
     checked, findings = preflight(recordings, device)
     progress('simulating the parameter file as given')
