@@ -120,10 +120,10 @@ def contenders(ranked: list[Ranked], t: Thresholds = DEFAULTS) -> list[Ranked]:
     it: then only who removes half.  A quiet effect in many rows scores more than a loud one in
     few.
     """
-    if ranked[0].removed >= t.half or max(r.removed for r in ranked
-                                          if r.gain > t.detect or r is ranked[0]) < t.most:
+    able = [r for r in ranked if r.gain > t.detect and r.removed >= t.half]
+    if ranked[0].removed >= t.half or all(r.removed < t.most for r in able):
         return ranked
-    return [r for r in ranked if r.removed >= t.half and r.gain > t.detect]
+    return able
 
 
 def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: Thresholds
@@ -205,7 +205,6 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     """
     t = thresholds
     best = singles[0]
-    chance = probabilities(singles, t, classes)
     explained = max(best.removed, 1.0 - best.left)
     if cut is not None:
         if not cut.known:
