@@ -18,10 +18,12 @@ from piezo_stack_sim.gap.decision import count, Decision
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, gap_part, records_part, shrinkage_part)
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.verdict import probabilities, Ranked, Thresholds, Verdict
+from piezo_stack_sim.gap.verdict import (
+    outscored, probabilities, Ranked, Thresholds, Verdict)
 
 PAIRS_SHOWN = 5
 UNNAMED = ('UNKNOWN', 'NOT_IDENTIFIABLE')  # verdicts that name no cause, but a gap
@@ -79,7 +81,7 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         'remaining': {'gap': gap_part(evidence, after),
                       'structured': judge.structure(chosen.residual) > thresholds.excess},
         'next_experiment': None,
-        'warnings': _warnings(chosen, verdict),
+        'warnings': _warnings(chosen, verdict, decision.singles, thresholds),
         'baselines': _baselines(decision.singles, search, fitter, judge),
         'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
                 'steps': _steps(evidence, search, decision)},
@@ -157,8 +159,13 @@ def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
     }
 
 
-def _warnings(fit: Fit, verdict) -> list[str]:
+def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thresholds
+              ) -> list[str]:
     notes = []
+    second = outscored(verdict, singles, thresholds)
+    if second is not None:
+        notes.append(f'perhaps a second cause: {words(second)} predicts more rows, but removes '
+                     'less')
     if fit.line is not None and len(fit.line.phases) > 1:
         notes.append(f'the phase of {TONE} is another in every recording: a corrected device '
                      'swings as much, but not in step with the real one')

@@ -126,6 +126,30 @@ def contenders(ranked: list[Ranked], t: Thresholds = DEFAULTS) -> list[Ranked]:
     return able
 
 
+def outscored(verdict: Verdict, singles: list[Ranked], t: Thresholds = DEFAULTS
+              ) -> str | None:
+    """
+    Return who predicts more rows than the one cause named, but removes too little to be it.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        What was decided.
+    singles : list of Ranked
+        Single effects, the best score first.
+    t : Thresholds, optional
+        The limits it was decided with.
+
+    Returns
+    -------
+    str or None
+        Its id: perhaps a second cause.
+
+    """
+    alone = len(verdict.selected) == 1
+    return singles[0].name if alone and singles[0] not in contenders(singles, t) else None
+
+
 def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: Thresholds
                  ) -> set[str]:
     """Return those who look like the best and leave about as little, the best included."""
@@ -224,7 +248,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             sure = pair.odds(t.two)
             return Verdict('MULTIPLE', _by_rank(pair, singles), (),
                            _why_two(best, pair, pairs, t), sure, 1.0 - sure)
-    first, singles = best, contenders(singles, t)
+    singles = contenders(singles, t)
     chance = probabilities(singles, t, classes)
     best = singles[0]
     explained = max(best.removed, 1.0 - best.left)
@@ -253,11 +277,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        f'{len(tie)} effects', among, sure)
     does = (f'removes {_percent(named.removed)} of the removable gap' if explained >= t.explained
             else 'explains what hardly stands out of the noise')
-    rest = ('nothing else comes close' if first is best else
-            f'{words(first.name)}, which predicts more rows, {_percent(first.removed)}: there may '
-            'be two')
     return Verdict('CAUSE', (named.name,), (named.name,),
-                   f'{words(named.name)} {does} and {rest}', among, sure)
+                   f'{words(named.name)} {does} and nothing else comes close', among, sure)
 
 
 def _by_rank(pair: Ranked, singles: list[Ranked]) -> tuple[str, ...]:
