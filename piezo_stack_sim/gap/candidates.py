@@ -263,10 +263,15 @@ def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:
     turn = reweigh(old, new)
     other = fitter.reweighed(new, turn)
 
+    nominal = {id(fitter.nominal.whole): other.nominal.whole}
+
     def turned(fit: Fit) -> Fit:
         residual = turn(fit.residual)
+        if fit.nominal is not None and id(fit.nominal) not in nominal:
+            nominal[id(fit.nominal)] = turn(fit.nominal)
         return replace(fit, residual=residual, cost=other.cost(residual, fit.phi), view=None,
-                       jacobian=None if fit.jacobian is None else turn(fit.jacobian))
+                       slope=None if fit.slope is None else turn(fit.slope),
+                       nominal=None if fit.nominal is None else nominal[id(fit.nominal)])
 
     return other, Search(
         turned(search.nominal), {name: turned(fit) for name, fit in search.fits.items()},

@@ -95,13 +95,14 @@ class Landscape:
 
 
 class End(NamedTuple):
-    """Where a descent has come to, with the derivative (N, n + p) there."""
+    """Where a descent has come to, with the derivatives (N, n) and (N, p) there."""
 
     walk: np.ndarray
     phi: np.ndarray
     residual: np.ndarray
     cost: float
-    jacobian: np.ndarray
+    effect: np.ndarray
+    nominal: np.ndarray
     simulations: int
 
 
@@ -182,8 +183,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
                 break
             stale = True
         fresh = False
-    jacobian = np.column_stack([effect, nominal.whole]) if n else nominal.whole
-    return End(walk, phi, residual, cost, jacobian, used)
+    return End(walk, phi, residual, cost, effect, nominal.whole, used)
 
 
 def _quadratic(landscape: Landscape, effect: np.ndarray, nominal: Slope, residual: np.ndarray

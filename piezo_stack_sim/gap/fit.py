@@ -14,6 +14,7 @@ from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 import math
+from typing import NamedTuple
 
 import numpy as np
 from piezo_stack_sim.effects.base import Parameter
@@ -88,6 +89,27 @@ def free_parameters(effect: str, start: dict[str, float]) -> list[Free]:
     return free
 
 
+class View(NamedTuple):
+    """
+    What a linear look at a fit needs.
+
+    ``slope`` (M, n) and ``nominal`` (M, p) are its free directions as a lens shows them,
+    ``inverse`` (n + p, n + p) of their square with the prior, ``left`` (M,) what they leave
+    of the residual.
+    """
+
+    slope: np.ndarray
+    nominal: np.ndarray
+    inverse: np.ndarray
+    left: np.ndarray
+
+    def cleared(self, seen: np.ndarray) -> np.ndarray:
+        """Return (M,) or (M, k) changes without what the free directions can imitate."""
+        n = self.slope.shape[1]
+        best = self.inverse @ np.concatenate([self.slope.T @ seen, self.nominal.T @ seen])
+        return seen - self.slope @ best[:n] - self.nominal @ best[n:]
+
+
 @dataclass
 class Fit:
     """
@@ -95,7 +117,9 @@ class Fit:
 
     ``effects`` and ``phi`` are the best numbers, ``residual`` (N,) the weighted
     residual of all rows there, ``cost`` the sum of squares over the fitted rows
-    plus the prior, ``jacobian`` (N, p) the derivative of the residual.
+    plus the prior.  ``slope`` (N, n) is the derivative of the residual with respect
+    to what is ``free``, ``nominal`` (N, p) that with respect to ``phi``: many fits
+    share one.
     """
 
     effects: dict[str, dict[str, float]]
@@ -104,16 +128,17 @@ class Fit:
     cost: float
     free: list[Free] = field(default_factory=list)
     walk: np.ndarray = field(default_factory=lambda: np.empty(0))
-    jacobian: np.ndarray | None = None
+    slope: np.ndarray | None = None
+    nominal: np.ndarray | None = None
     simulations: int = 0
-    view: tuple | None = None
+    view: View | None = None
     line: Line | None = None
 
     def derivative(self, free: Free) -> np.ndarray | None:
         """Return the derivative of the residual with respect to a number, (N,), if known."""
-        if self.jacobian is None or free not in self.free:
+        if self.slope is None or free not in self.free:
             return None
-        column = self.jacobian[:, self.free.index(free)]
+        column = self.slope[:, self.free.index(free)]
         return column if np.isfinite(column).all() else None
 
 
@@ -209,7 +234,7 @@ class Fitter:
             return 0.0, np.zeros(length.size)
         scale = 1.0 / np.sqrt(np.maximum(length, 1e-9))
         alike = square * np.outer(scale, scale) + 1e-6 * np.eye(length.size)
-        along = scale * (clear.T @ self._view(fit)[2])
+        along = scale * (clear.T @ self._view(fit).left)
         factors = np.linalg.solve(alike, along)
         return float(along @ factors), -scale * factors
 
@@ -255,23 +280,22 @@ class Fitter:
             As the lens shows them.
 
         """
-        other, inverse, _ = self._view(fit)
-        seen = self.lens(directions).astype(float)
-        return seen - other @ (inverse @ (other.T @ seen))
+        return self._view(fit).cleared(self.lens(directions).astype(float))
 
-    def _view(self, fit: Fit):
+    def _view(self, fit: Fit) -> View:
         """Return what a linear look at a fit needs: free directions and what they leave."""
         if fit.view is None:
-            other = self.lens(fit.jacobian if fit.jacobian is not None else self.nominal.whole)
-            n = other.shape[1] - self.nuisance.prior.size
+            seen = (self.nominal.seen if fit.nominal is None or fit.nominal is self.nominal.whole
+                    else self.lens(fit.nominal))
+            slope = np.empty((len(seen), 0)) if fit.slope is None else self.lens(fit.slope)
             # What has come to its bound can take no more of a gap.
-            stuck = np.abs(fit.phi) > AT_BOUND * self.nuisance.bound
-            other = other * np.concatenate([np.ones(n), ~stuck])
-            precision = np.concatenate([np.full(n, 1e-6), self.nuisance.prior ** -2.0])
-            inverse = np.linalg.inv(other.T @ other + np.diag(precision))
-            left = self.lens(fit.residual)
-            left = left - other @ (inverse @ (other.T @ left))
-            fit.view = (other, inverse, left)
+            free = np.abs(fit.phi) <= AT_BOUND * self.nuisance.bound
+            seen = seen if free.all() else seen * free
+            cross = slope.T @ seen
+            square = np.block([[slope.T @ slope, cross], [cross.T, seen.T @ seen]])
+            precision = np.concatenate([np.full(len(cross), 1e-6), self.nuisance.prior ** -2.0])
+            view = View(slope, seen, np.linalg.inv(square + np.diag(precision)), np.empty(0))
+            fit.view = view._replace(left=view.cleared(self.lens(fit.residual)))
         return fit.view
 
     def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
@@ -332,8 +356,8 @@ class Fitter:
             line, _ = tone.match(self._residual(effects, free, end.walk, end.phi))
             values[TONE].update(displacement=float(line.amplitudes[0]),
                                 phase=next(iter(line.phases.values()), 0.0))
-        return Fit(values, end.phi, end.residual, end.cost, free, end.walk, end.jacobian,
-                   simulations=end.simulations, line=line)
+        return Fit(values, end.phi, end.residual, end.cost, free, end.walk, end.effect,
+                   end.nominal, end.simulations, line=line)
 
     def _values(self, effects, free, walk) -> dict[str, dict[str, float]]:
         values = {name: dict(given) for name, given in effects.items()}

@@ -64,9 +64,9 @@ def standard_errors(fitter: Fitter, fit: Fit) -> np.ndarray:
     independent rows, not of rows.
     """
     n = len(fit.free)
-    if fit.jacobian is None:
+    if fit.slope is None or fit.nominal is None:
         return np.full(n + fitter.nuisance.prior.size, np.inf)
-    jacobian = fit.jacobian[fitter.rows]
+    jacobian = np.column_stack([fit.slope[fitter.rows], fit.nominal[fitter.rows]])
     weights = np.empty(fit.residual.size)
     for (_, _), where in zip(fitter.evidence.keys, spans(fitter.evidence)):
         tau = integrated_correlation(fit.residual[where])
