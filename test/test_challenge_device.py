@@ -105,7 +105,7 @@ def test_holds_are_quiet(key, recordings):
 
 def test_a_random_remanence_is_one_that_a_voltage_history_leaves():
     """Running the same history once more on top changes nothing: it is consistent."""
-    unit = KNOWN['initial_polarisation'].apply(Unit(), peak=60.0, seed=4)
+    unit = KNOWN['initial_polarisation'].apply(Unit(), peak=60.0, seed=4, faded=0.0)
     again = unit.change(history=unit.history + unit.history)
     t = np.arange(200) * 1e-3
     programme = Programme('rise', t, 40.0 * t / t[-1], 0.0 * t)

@@ -14,6 +14,7 @@ from piezo_stack_sim.challenge.stack import Stack
 STEP = 2e-6  # s; the 24 kHz resonance gets twenty steps a period, good for a nanometre
 COARSE = 1e-3  # s, in holds
 KEEP = 4e-6  # s, spacing of the trace from which the sensors read
+SETTLING = 5  # hundredths of a second
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,16 @@ class Unit:
     stack: Stack = field(default_factory=Stack)
     sensing: Sensing = field(default_factory=Sensing)
     history: tuple = ()  # V, turning points of a slow voltage before the recording
+    faded: tuple = ()  # part of each element's strain that has relaxed since
 
-    def change(self, drive=None, stack=None, sensing=None, history=None):
+    def change(self, drive=None, stack=None, sensing=None, history=None, faded=None):
         """Return the device with some fields of its parts changed."""
         return Unit(
             replace(self.drive, **(drive or {})),
             self.stack._replace(**(stack or {})),
             replace(self.sensing, **(sensing or {})),
             self.history if history is None else tuple(history),
+            self.faded if faded is None else tuple(faded),
         )
 
 
@@ -65,6 +68,11 @@ def rest(unit):
                                     current_limit=np.inf, heating_gain=0.0)
         times = 0.01 * np.arange(path.size + 1)
         run(still, state, times, path, np.zeros(path.size), STEP, 0.01, 1.0, True)
+        if unit.faded:
+            state[STATES:] *= 1.0 - np.array(unit.faded)
+            held = np.full(SETTLING, path[-1])
+            run(still, state, 0.01 * np.arange(held.size + 1), held, np.zeros(held.size), STEP,
+                0.01, 1.0, True)
     state[LAGGED] = state[RING] = state[TERMINAL] = first
     return state
 

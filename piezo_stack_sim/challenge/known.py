@@ -94,16 +94,19 @@ def leakage(unit, resistance, voltage):
     return unit.change(sensing={'leak_resistance': resistance, 'leak_voltage': voltage})
 
 
-@register(KNOWN, 'electrical', 'remanence of a random sequence of slow voltage swings', BOTH,
-          peak=log(2.0, 100.0), seed=whole(1 << 30))
-def initial_polarisation(unit, peak, seed):
+@register(KNOWN, 'electrical', 'remanence of a random sequence of slow voltage swings that has '
+          'faded unequally', BOTH,
+          peak=log(2.0, 100.0), seed=whole(1 << 30), faded=uniform(0.05, 0.2))
+def initial_polarisation(unit, peak, seed, faded):
     # Each swing smaller than the one before, so that none wipes out the others.
     random = np.random.default_rng(seed)
     turns, size = [peak], peak
     for _ in range(random.integers(1, 4)):
         turns += [-size * random.uniform(0.05, 0.35), size * random.uniform(0.4, 0.9)]
         size = turns[-1]
-    return unit.change(history=(*turns, 0.0))
+    # Each element has lost another part of its strain since, `faded` in the mean.
+    return unit.change(history=(*turns, 0.0),
+                       faded=random.uniform(0.0, 2.0 * faded, unit.stack.K.size))
 
 
 # -- transducer ------------------------------------------------------------------------------
@@ -145,7 +148,7 @@ def series_compliance(unit, stiffness, load):
 
 
 @register(KNOWN, 'mechanical', 'a progressive spring (quadratic share)', BOTH,
-          stiffness=log(1.5e4, 1.5e7), length=log(1.5e-4, 5e-4))
+          stiffness=log(1e6, 2.5e7), length=log(1.5e-4, 5e-4))
 def parallel_stiffness(unit, stiffness, length):
     return unit.change(stack={'spring_stiffness': stiffness, 'spring_length': length})
 

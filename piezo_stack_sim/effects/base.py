@@ -54,6 +54,8 @@ class Effect:
     ``shown_in`` the test of :mod:`piezo_stack_sim.signature.experiment` for its
     picture, if not the one in which it shows most.  ``each_time`` names a
     parameter that is new in every recording, since nothing synchronises it.
+    ``swings`` tells an optimiser that its parameters are swings that were made
+    before, the first the largest: no derivative with respect to them leads far.
     """
 
     id: str  # noqa: A003
@@ -64,6 +66,7 @@ class Effect:
     channels: tuple[str, ...] = ('displacement',)
     shown_in: str = ''
     each_time: str = ''
+    swings: bool = False
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return every parameter: the given ones, defaults for the rest."""

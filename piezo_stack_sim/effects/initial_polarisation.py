@@ -3,7 +3,7 @@
 """
 A stack that was not relaxed when the recording began.
 
-It had been led slowly to a voltage, perhaps to a second one, and back to zero,
+It had been led slowly to a voltage, perhaps back and forth once more, and to zero,
 and the sensors were zeroed there: the blocks of Eq. 16 start where that left
 them.  The first cycle differs, later ones close on it.
 
@@ -14,11 +14,11 @@ Source: recomputed from Tables 1 and 2, 2.2 um remain after 90 V.
 from piezo_stack_sim.effects.base import Effect, Parameter
 
 
-def apply(model, peak_voltage, turn_voltage):
+def apply(model, peak_voltage, turn_voltage, return_voltage):
     """Start from the remanence of earlier voltages, at most those of the full range."""
     full = model.reference.voltage
     model.previous_voltages = tuple(max(-full, min(volt, full))
-                                    for volt in (peak_voltage, turn_voltage))
+                                    for volt in (peak_voltage, turn_voltage, return_voltage))
 
 
 EFFECT = Effect(
@@ -30,6 +30,9 @@ EFFECT = Effect(
                   runtime=False, tries=(-15.0, -5.0, *(1.4 ** i for i in range(15)))),
         Parameter('turn_voltage', 'V', 0.0, -200.0, 200.0, 0.0,
                   'voltage at which it turned once more on the way back to zero', runtime=False,
-                  tries=(0.0, -3.0, 3.0)),
+                  tries=(0.0,)),
+        Parameter('return_voltage', 'V', 0.0, -200.0, 200.0, 0.0,
+                  'voltage to which it returned after that before it came to zero',
+                  runtime=False, tries=(0.0,)),
     ),
-    apply, channels=('charge', 'displacement'))
+    apply, channels=('charge', 'displacement'), swings=True)

@@ -20,11 +20,14 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.descent import WIDE
 from piezo_stack_sim.gap.evidence import quieter, reweigh
-from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
+from piezo_stack_sim.gap.fit import Fit, Fitter, free_parameters, STEPS, TONE
 from piezo_stack_sim.gap.forward import parallel, simulate_channels
 from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
+from piezo_stack_sim.gap.swings import find_swings
 
 PLACES = 2  # places of an effect from which a fit sets out
+SWUNG_PLACES = 4  # and of one that is a history of swings, from which those are searched
+FALLEN = 0.8  # part of the cost to which one swing must bring it before more are tried
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
 PROMISING = 0.03  # part of the best promise that earns an effect a fit
 FIELD = 9  # effects that get one in any case: a linear look underrates what is not linear
@@ -128,10 +131,16 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     progress('looking at every effect')
     for probe_ in parallel(probe, jobs):
         search.probes.setdefault(probe_.effect, []).append(probe_)
-    best = max(p.gain for probes in search.probes.values() for p in probes)
     for name, probes in search.probes.items():
         probes.sort(key=lambda p: -p.order)
         search.fits[name] = _untouched(name, nominal)
+    swung = [p for name, probes in search.probes.items() if EFFECTS[name].swings
+             for p in _distinct(probes)[:SWUNG_PLACES]]
+    for probe_ in parallel(lambda p: _led(fitter, p, nominal), swung):
+        search.probes[probe_.effect].insert(0, probe_)
+    for probes in search.probes.values():
+        probes.sort(key=lambda p: -p.order)
+    best = max(p.gain for probes in search.probes.values() for p in probes)
     order = sorted(search.probes, key=lambda name: -max(p.gain for p in search.probes[name]))
     first = [(name, p.place, nominal.phi if p.phi is None else p.phi)
              for i, name in enumerate(order)
@@ -145,6 +154,12 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     _race(fitter, search, rivals, STEPS)
     polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
     return search
+
+
+def _distinct(probes: list[Probe]) -> list[Probe]:
+    """Return ordered places without those that promise what others did."""
+    return [p for i, p in enumerate(probes) if p.direction is not None
+            and not any(math.isclose(p.order, other.order) for other in probes[:i])]
 
 
 def _promising(probes: list[Probe], least: float) -> list[Probe]:
@@ -303,6 +318,46 @@ def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit) -> Probe:
     # Where it fits as it stands, a line from no effect at all tells nothing better.
     there = place.at(EFFECTS[name], factors) if gain > falls[best] else place.looks[best]
     return Probe(name, there, directions, promise, promise, place)
+
+
+def _led(fitter: Fitter, probe: Probe, nominal: Fit) -> Probe:
+    """Return a better place near one of an effect that is a history of swings."""
+    filed = np.zeros_like(nominal.phi)
+
+    def retuned(place):
+        return fitter.retuned(fitter.residual_of({probe.effect: place}, filed), filed)
+
+    now = fitter.cost(nominal.residual, nominal.phi)
+    place, cost = find_history(probe.effect, probe.place, lambda place: retuned(place)[0],
+                               (SETTLED * fitter.rows.size, FALLEN * now))
+    promise = now - cost
+    return Probe(probe.effect, place, None, promise, promise, Place(place, {}), retuned(place)[1])
+
+
+def find_history(name: str, place: dict[str, float], cost: Callable[[dict[str, float]], float],
+                 worth: tuple[float, float]) -> tuple[dict[str, float], float]:
+    """
+    Return the numbers of an effect with the lowest cost near a place, and that cost.
+
+    Parameters
+    ----------
+    name : str
+        An effect that is a history of swings.
+    place : dict
+        Its parameters (SI) to start from.
+    cost : callable
+        Takes such parameters.
+    worth : (float, float)
+        Costs with the first alone between which it is worth while to move the others.
+
+    """
+    free = free_parameters(name, place)
+    names = [f.parameter.name for f in free]
+    numbers, lowest = find_swings(
+        lambda numbers: cost({**place, **dict(zip(names, numbers.tolist()))}),
+        np.array([place[n] for n in names]),
+        np.array([(f.parameter.lower, f.parameter.upper) for f in free]), worth)
+    return {**place, **dict(zip(names, numbers.tolist()))}, lowest
 
 
 def probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:

@@ -143,7 +143,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
         used += phi.size
     precision = np.concatenate([np.zeros(n), landscape.prior ** -2.0])
     effect = np.full((residual.size, n), np.nan)  # not known, if there are no steps
-    stale, fresh = True, False
+    stale, fresh, held = True, False, False
     for _ in range(steps):
         if stale:
             effect = landscape.slope(walk, phi, residual, known)
@@ -154,10 +154,11 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
         slope += precision * np.concatenate([walk, phi])
         fallen = False
         for _ in range(TRIALS):
+            reach = 0.0 if held else 1.0
             change = _bounded_step(
                 square, precision, slope, damping,
-                np.concatenate([landscape.lower - walk, -landscape.room - phi]),
-                np.concatenate([landscape.upper - walk, landscape.room - phi]))
+                np.concatenate([reach * (landscape.lower - walk), -landscape.room - phi]),
+                np.concatenate([reach * (landscape.upper - walk), landscape.room - phi]))
             new_walk, new_phi = walk + change[:n], phi + change[n:]
             new_residual = landscape.residual(new_walk, new_phi)
             used += 1
@@ -167,9 +168,10 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
                 break
             damping = max(damping, 1e-3) * 30.0
         if not fallen:
-            if fresh or not n:
+            if held or not n:
                 break
-            stale, damping = True, 1e-3
+            # On a corner no derivative leads on, but the nominal parameters may still follow.
+            held, stale, damping = fresh, not fresh, 1e-3
             continue
         if n and np.any(change[:n]):
             # Broyden: what the step taught about the derivative costs no simulation.
@@ -179,7 +181,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
         walk, phi, residual, cost = new_walk, new_phi, new_residual, new_cost
         damping = max(damping / 30.0, 1e-6)
         if progress < ENOUGH:
-            if fresh or not n:
+            if fresh or held or not n:
                 break
             stale = True
         fresh = False

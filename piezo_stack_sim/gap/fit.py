@@ -263,6 +263,10 @@ class Fitter:
         new = np.clip(new, -self.nuisance.bound, self.nuisance.bound)
         return sum_of_squares(now + self.nominal.seen @ new, new / self.nuisance.prior), new
 
+    def cost_beside(self, residual: np.ndarray, fit: Fit) -> float:
+        """Return the cost of a residual (N,) if what a fit is free to choose follows linearly."""
+        return sum_of_squares(self._view(fit).cleared(self.lens(residual)))
+
     def cleared(self, directions: np.ndarray, fit: Fit) -> np.ndarray:
         """
         Return directions of the residual without what a fit was free to imitate.

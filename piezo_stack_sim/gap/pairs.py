@@ -19,7 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import is_idle, Merit, Probe, probe_tone, RIVAL, Search
+from piezo_stack_sim.gap.candidates import (
+    FALLEN, find_history, is_idle, Merit, Probe, probe_tone, RIVAL, Search)
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
@@ -65,8 +66,15 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     chosen += [place for place in _promises(fitter, search, others, fit)[:plain]
                if place[0] not in dict(chosen)]
 
+    aside = replace(fit, view=None)  # through the lens of the weighed
+
     def whole(place):
         name, values = place
+        if EFFECTS[name].swings:
+            values, _ = find_history(
+                name, values, lambda values: weighed.cost_beside(
+                    weighed.residual_of({**fit.effects, name: values}, fit.phi), aside),
+                (0.0, FALLEN * weighed.cost_beside(fit.residual, aside)))
         return pair_of(base, name), weighed.fit({**fit.effects, name: values}, fit.phi,
                                                 FIRST_STEPS, beside=fit)
 
