@@ -14,6 +14,7 @@ from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.play import suspect_play
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.verdict import decide, outscored, probabilities, Ranked
 from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
@@ -483,6 +484,32 @@ def test_bursts_that_ring_are_knocks(device, spoil, effect, block, channels):
     simulated = simulate_set(device, recordings)
     cuts = block_residuals(device, prepare(recordings, simulated), simulated)
     suspect = suspect_knocks(cuts)
+    assert (suspect and suspect.block) == block
+
+
+def has_play(x):
+    """Return a displacement that follows with a play of 200 nm."""
+    follower, out = x[0], []
+    for place in x:
+        follower = min(max(follower, place - 1e-7), place + 1e-7)
+        out.append(follower)
+    return np.array(out)
+
+
+def comes_late(x):
+    """Return a displacement that is read two rows late."""
+    return np.concatenate([[x[0]] * 2, x[:-2]])
+
+
+@pytest.mark.parametrize('spoil, block', [
+    (has_play, 'mechanical'), (comes_late, None), (lambda x: 1.01 * x, None), (lambda x: x, None)])
+def test_play_is_told_from_what_a_sensor_does(device, spoil, block):
+    recordings = [each.replace(measured={
+        **each.measured, 'displacement': spoil(each.measured['displacement'])})
+        for each in a_set(device).recordings]
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    suspect = suspect_play(evidence, simulated, block_residuals(device, evidence, simulated))
     assert (suspect and suspect.block) == block
 
 

@@ -86,6 +86,19 @@ def test_an_effect_is_found_where_no_usual_place_is_near(device, effect, values)
         assert found[name] == pytest.approx(value, rel=0.05)
 
 
+@pytest.mark.parametrize('swings', [(18.6, 0.0, 0.0), (42.0, -9.0, 25.0)])
+def test_earlier_swings_are_found_to_the_noise(device, swings):
+    # From neither side do derivatives lead there: at each volt another element slips.
+    names = 'peak_voltage', 'turn_voltage', 'return_voltage'
+    unit = device.with_effects({'initial_polarisation': dict(zip(names, swings))})
+    fitter = fitter_of(device, unit, (programmes.triangle(), programmes.steps()),
+                       np.random.default_rng(8))
+    search = search_singles(fitter, lambda message: None, (
+        'initial_polarisation', 'asymmetric_hysteresis', 'stiffness_hardening'))
+    assert search.nominal.cost > 10.0 * fitter.rows.size
+    assert search.fits['initial_polarisation'].cost < 1.1 * fitter.rows.size
+
+
 def test_a_current_limit_that_is_rarely_met_is_found_under_noise(device):
     # The difference of noisy rows of charge, 50,000 a second, is a larger current than any.
     limit = {'limit': 0.039, 'output_resistance': 1.3}

@@ -43,8 +43,8 @@ class Suspect:
 
 _MISREAD_CHARGE = Suspect('sensor', 'the charge is wrong and the displacement does not follow it: '
                           'it was measured wrong')
-_NOT_FELT = Suspect('sensor', 'the displacement is wrong without the charge that a force on the '
-                    'stack would move')
+NOT_FELT = Suspect('sensor', 'the displacement is wrong without the charge that a force on the '
+                   'stack would move')
 _FORCED = Suspect('mechanical', 'displacement and charge are wrong together, as a force on the '
                   'stack makes them')
 
@@ -84,7 +84,7 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
     if after < FOLLOWS * before or quiet > KNOWN * through:
         return None
     if abs(common) < FEW * through ** 2:
-        return _NOT_FELT
+        return NOT_FELT
     # A slow driver whose voltage nobody measured looks like a force.
     if driven and common > FORCED * before * through and after > FOLLOWS * through:
         return _FORCED

@@ -40,7 +40,7 @@ def flexible_correction(evidence: Evidence, simulated: list[dict], residual: np.
     for (i, channel), where in zip(evidence.keys, spans(evidence)):
         track = evidence.tracks[i]
         features = _features(track, simulated[i])
-        left[where] = residual[where] - _predict(features, residual[where], track.fitted)
+        left[where] = residual[where] - predict(features, residual[where], track.fitted)
     return left
 
 
@@ -61,12 +61,29 @@ def _one_placebo(evidence: Evidence, residual: np.ndarray, random) -> np.ndarray
         track = evidence.tracks[i]
         m = track.fitted.size
         wave = np.cumsum(random.standard_normal(m))
-        wave = (wave - wave.mean()) / max(wave.std(), 1e-12)
-        left[where] = residual[where] - _predict(wave[:, None], residual[where], track.fitted)
+        left[where] = residual[where] - predict(wave[:, None], residual[where], track.fitted)
     return left
 
 
-def _predict(features, target, fitted) -> np.ndarray:
+def predict(features: np.ndarray, target: np.ndarray, fitted: np.ndarray) -> np.ndarray:
+    """
+    Return what a ridge regression on the fitted rows predicts of all.
+
+    Parameters
+    ----------
+    features : ndarray, shape (m, k)
+        In any units; they are standardised here.
+    target : ndarray, shape (m,)
+        What to predict.
+    fitted : ndarray of bool, shape (m,)
+        The rows that are seen.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+
+    """
+    features = _standardised(features)
     seen = features[fitted]
     square = seen.T @ seen
     square[np.diag_indices_from(square)] += RIDGE * seen.shape[0]
@@ -74,13 +91,13 @@ def _predict(features, target, fitted) -> np.ndarray:
 
 
 def _features(track: Track, simulated: dict) -> np.ndarray:
-    """Return standardised features, shape (m, k)."""
+    """Return features of what was asked and simulated, shape (m, k)."""
     recording = track.recording
     dt = recording.period * track.factor
     time = track.average(recording.time - recording.time[0])
     raw = {'u': track.average(recording.command), 'f': track.average(recording.external_force),
            'q': track.average(simulated['charge']), 'x': track.average(simulated['displacement'])}
-    columns = [np.ones_like(time), time, np.log1p(time / dt / 10.0)]
+    columns = [time, np.log1p(time / dt / 10.0)]
     for name, values in raw.items():
         span = np.ptp(values)
         if span <= 0.0:
@@ -93,16 +110,20 @@ def _features(track: Track, simulated: dict) -> np.ndarray:
             columns += [v ** 4, np.gradient(rate) / (np.abs(np.gradient(rate)).max() or 1.0),
                         v * rate / size, np.abs(v)]
             for decay in (3, 30, 300, 3000):
-                columns.append(v - _lagged(v, decay))
-    matrix = np.column_stack(columns)
-    matrix[:, 1:] -= matrix[:, 1:].mean(axis=0)
-    scale = matrix.std(axis=0)
-    scale[0] = 1.0
-    keep = scale > 1e-12
-    return matrix[:, keep] / scale[keep]
+                columns.append(v - lagged(v, decay))
+    return np.column_stack(columns)
 
 
-def _lagged(values, rows) -> np.ndarray:
+def _standardised(features: np.ndarray) -> np.ndarray:
+    """Return features (m, k) without their means and in units of their spread, and a constant."""
+    features = features - features.mean(axis=0)
+    spread = features.std(axis=0)
+    keep = spread > 1e-12 * np.abs(features).max(axis=0, initial=1e-300)
+    return np.column_stack([np.ones(len(features)), features[:, keep] / spread[keep]])
+
+
+def lagged(values: np.ndarray, rows: float) -> np.ndarray:
+    """Return values (n,) behind a pole with a time constant in rows."""
     from scipy.signal import lfilter
     a = np.exp(-1.0 / rows)
     return lfilter([1.0 - a], [1.0, -a], values, zi=[a * values[0]])[0]

@@ -27,6 +27,7 @@ from piezo_stack_sim.gap.swings import find_swings
 
 PLACES = 2  # places of an effect from which a fit sets out
 SWUNG_PLACES = 4  # and of one that is a history of swings, from which those are searched
+BEHIND = 0.7  # part of the cost of an effect with which its relative shows it where to start
 FALLEN = 0.8  # part of the cost to which one swing must bring it before more are tried
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
 PROMISING = 0.03  # part of the best promise that earns an effect a fit
@@ -151,9 +152,24 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     rivals = [(name, fit.effects[name], fit.phi) for name, fit in search.fits.items()
               if nominal.cost - fit.cost > max(RIVAL * fall, WORTH)]
     rivals += [(name, fit.effects[name], nominal.phi) for name, fit in known.items()]
+    rivals += _from_relatives(search)
     _race(fitter, search, rivals, STEPS)
     polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
     return search
+
+
+def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndarray]]:
+    """
+    Return places for effects of one time from where another such effect fares far better.
+
+    A delay and a lag do much the same, but between none and the right one there may be a hill.
+    """
+    times = {name: EFFECTS[name].parameters[0].name for name in search.fits
+             if [p.unit for p in EFFECTS[name].parameters] == ['s']}
+    best = min(times, key=lambda name: search.fits[name].cost, default='')
+    return [(name, {times[name]: search.fits[best].effects[best][times[best]]},
+             search.fits[best].phi)
+            for name in times if search.fits[best].cost < BEHIND * search.fits[name].cost]
 
 
 def _distinct(probes: list[Probe]) -> list[Probe]:
