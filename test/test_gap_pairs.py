@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Second effects beside a first one whose true form the library does not have."""
 
+from types import SimpleNamespace
+
 import numpy as np
-from piezo_stack_sim.gap import diagnose_set
+from piezo_stack_sim.gap import decision, diagnose_set
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.lens import Cells, whitened
+from piezo_stack_sim.gap.verdict import DEFAULTS, Ranked
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet
@@ -91,3 +94,27 @@ def test_what_the_form_of_a_lone_cause_misses_is_no_second_cause(device):
     answer = diagnose_set(a_set(device), device, traces=False).document
     assert answer['verdict'] == 'CAUSE'
     assert answer['selected'] == ['sensor_delay']
+
+
+@pytest.mark.parametrize('second, asked', [
+    # Nothing was found beside the lag, which leaves most: the saturation is asked, too.
+    (Ranked('amplifier_saturation', 300.0, 0.95, 1, 0.4, 9.0), ['sensor_lag',
+                                                                'amplifier_saturation']),
+    (Ranked('amplifier_saturation', 300.0, 0.60, 1, 0.4, 9.0), ['sensor_lag'])])
+def test_beside_a_quiet_effect_in_many_rows_the_loud_one_is_asked_for_its_partners_too(
+        monkeypatch, evidence, second, asked):
+    quiet = Ranked('sensor_lag', 2000.0, 0.05, 1, 0.7, 9.0)
+    search = SimpleNamespace(bases={}, nominal=SimpleNamespace(residual=np.ones(9)))
+    bases = []
+
+    def partners(fitter, search, base, *rest):
+        bases.append(base)
+        search.bases[base] = None
+
+    monkeypatch.setattr(decision, '_singles', lambda *given: [quiet, second])
+    monkeypatch.setattr(decision, 'Removable', lambda *given: None)
+    monkeypatch.setattr(decision, 'search_partners', partners)
+    monkeypatch.setattr(decision, 'exchange', lambda *given: None)
+    monkeypatch.setattr(decision, 'polish_pairs', lambda *given: None)
+    decision.search_pairs(None, search, SimpleNamespace(evidence=evidence), DEFAULTS, None)
+    assert bases == asked

@@ -18,7 +18,7 @@ from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import exchange, explained, polish_pairs, search_partners
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.verdict import (
-    Cut, decide, Ranked, second_explains, Thresholds, Verdict)
+    contenders, Cut, decide, Ranked, second_explains, Thresholds, Verdict)
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
@@ -135,10 +135,15 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
                  progress: Callable[[str], None], cut: Cut | None = None) -> None:
     """Fit second effects beside the best, where these leave something that they could explain."""
     names = [name for name in EFFECTS if cut is None or cut.allows(name)]
-    best = _singles(search, judge, Removable(judge.evidence, search.nominal.residual))[0]
+    singles = _singles(search, judge, Removable(judge.evidence, search.nominal.residual))
+    best = singles[0]
     if best.gain > thresholds.detect and best.excess > thresholds.leftover:
         search_partners(fitter, search, best.name, progress, names)
         exchange(fitter, search, progress, names)
+        loud = contenders(singles, thresholds)[0].name
+        if loud not in search.bases:
+            # A quiet effect in many rows comes first, and nothing was found beside it.
+            search_partners(fitter, search, loud, progress, names)
         polish_pairs(fitter, search)
 
 
