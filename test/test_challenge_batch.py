@@ -161,3 +161,11 @@ def test_a_set_whose_public_files_were_deleted_is_made_again(short, tmp_path):
     assert make.make(1, 5, tmp_path / 'batch', jobs=1).read_bytes() == committed
     assert (tmp_path / 'batch' / 'devices' / 'set_000.yaml').is_file()
     assert list((tmp_path / 'batch' / 'set_000').glob('*.csv.gz'))
+
+
+def test_a_device_that_runs_away_is_drawn_again(tmp_path):
+    """Of this seed a softening bow was drawn under which the stack finds no rest."""
+    make.make_set(tmp_path / 'batch', 174, 113721972, 'one', ('asymmetric_hysteresis',))
+    label = json.loads((labels.truth_folder(tmp_path / 'batch') / 'set_174.json').read_text())
+    assert label['attempts'] > 1
+    assert max(label['effects'][0]['over_noise'].values()) < 1e4
