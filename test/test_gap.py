@@ -304,6 +304,9 @@ def test_who_removes_most_of_a_gap_comes_before_who_predicts_more_rows_and_remov
     assert outscored(verdict, [loud, other]) is None
     assert probabilities([quiet, loud, other]) == pytest.approx([0.0, 1.0, 0.0])
     assert decide([quiet, other], [], 0.95, 50.0, []).word == 'UNKNOWN'
+    both = Ranked('friction+sensor_lag', 1500.0, 0.99, 2, 0.05, 0.0, 300.0, 0.8)
+    verdict = decide([quiet, loud, other], [both], 0.95, 50.0, [])
+    assert verdict.word == 'MULTIPLE' and verdict.selected == ('friction', 'sensor_lag')
 
 
 @pytest.mark.parametrize('second, part, removed, left, word', [

@@ -238,7 +238,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             enough = t.hint if cut.removed >= t.behind else t.second
             if pair.name == cut.pair and pair.second > enough:
                 sure = pair.odds(t.two)
-                return Verdict('MULTIPLE', _by_rank(pair, singles), (), _why_behind(cut),
+                return Verdict('MULTIPLE', _by_rank(pair, singles, t), (), _why_behind(cut),
                                sure, 1.0 - sure)
         pairs = [pair for pair in pairs if all(map(cut.allows, pair.name.split('+')))]
     for pair in pairs:
@@ -246,7 +246,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                 and not _is_in_the_shade(best, pair, pairs, t, kin)
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
-            return Verdict('MULTIPLE', _by_rank(pair, singles), (),
+            return Verdict('MULTIPLE', _by_rank(pair, singles, t), (),
                            _why_two(best, pair, pairs, t), sure, 1.0 - sure)
     singles = contenders(singles, t)
     chance = probabilities(singles, t, classes)
@@ -281,9 +281,11 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                    f'{words(named.name)} {does} and nothing else comes close', among, sure)
 
 
-def _by_rank(pair: Ranked, singles: list[Ranked]) -> tuple[str, ...]:
+def _by_rank(pair: Ranked, singles: list[Ranked], t: Thresholds) -> tuple[str, ...]:
     """Return the two effects of a pair, the stronger first."""
-    ranks = {single.name: rank for rank, single in enumerate(singles)}
+    able = contenders(singles, t)
+    order = able + [single for single in singles if single not in able]
+    ranks = {single.name: rank for rank, single in enumerate(order)}
     return tuple(sorted(pair.name.split('+'), key=lambda name: ranks.get(name, len(ranks))))
 
 
