@@ -11,12 +11,10 @@ from piezo_stack_sim.gap.bursts import suspect_knocks
 from piezo_stack_sim.gap.evidence import prepare, quieter, reweigh
 from piezo_stack_sim.gap.fit import free_parameters
 from piezo_stack_sim.gap.forward import residuals, simulate_set
-from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.play import suspect_play
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.verdict import decide, outscored, probabilities, Ranked
 from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -223,53 +221,6 @@ def test_correlated_rows_count_for_less():
     assert 30.0 < integrated_correlation(slow) < 80.0
 
 
-def test_equal_scores_share_the_probability():
-    tied = [Ranked('a', 100.0, 0.99, 1), Ranked('b', 100.0, 0.99, 1), Ranked('c', 0.0, 0.0, 1)]
-    chance = probabilities(tied)
-    assert chance[0] == pytest.approx(chance[1]) and chance[2] < 0.01
-    verdict = decide(tied, [], 0.99, 50.0, [])
-    assert verdict.word == 'AMBIGUOUS' and set(verdict.tie) == {'a', 'b'}
-
-
-def test_of_two_that_do_equally_well_the_one_with_fewer_numbers_is_named_first():
-    stop, spring = Ranked('contact', 1001.0, 0.999, 4), Ranked('parallel_stiffness', 1000.0,
-                                                               0.999, 2)
-    verdict = decide([stop, spring], [], 0.999, 50.0, [])
-    assert verdict.word == 'AMBIGUOUS' and verdict.selected == ('parallel_stiffness',)
-    assert verdict.tie == ('parallel_stiffness', 'contact')
-    # The better form counts for more than fewer numbers.
-    worse = Ranked('parallel_stiffness', 970.0, 0.97, 2)
-    assert decide([stop, worse], [], 0.999, 50.0, []).selected == ('contact',)
-
-
-def test_what_recordings_cannot_tell_apart_shares_the_probability():
-    one, other, far = (Ranked('a', 700.0, 0.98, 1), Ranked('b', 670.0, 0.96, 1),
-                       Ranked('c', 660.0, 0.95, 1))
-    assert probabilities([one, other, far])[0] > 0.9
-    chance = probabilities([one, other, far], classes=[['a', 'b']])
-    assert chance.sum() == pytest.approx(1.0)
-    assert 0.2 < chance[1] < chance[0] < 0.8 and chance[2] < 0.1
-    # Who leaves far more than the best is told from it, however alike their directions.
-    poor = Ranked('b', 400.0, 0.6, 1)
-    assert probabilities([one, far, poor], classes=[['a', 'b']])[2] < 0.01
-
-
-def test_relatives_are_left_open_where_one_channel_was_measured():
-    near, far = Ranked('b', 600.0, 0.95, 1), Ranked('b', 400.0, 0.6, 1)
-    one, kin = Ranked('a', 700.0, 0.98, 1), {frozenset('ab')}
-
-    def left_open(other, single):
-        return decide([one, other], [], 0.99, 50.0, Alike([], [], kin, single).groups).tie
-
-    assert left_open(near, single=True) == ('a', 'b')
-    assert left_open(near, single=False) == ('a',)  # the other channels tell them apart
-    assert left_open(far, single=True) == ('a',)  # and so does what one leaves
-    # Where even the best leaves much, three times that would be everything.
-    poor, none = Ranked('a', 700.0, 0.62, 1), Ranked('b', 450.0, 0.08, 1)
-    groups = Alike([], [], kin, single=True).groups
-    assert decide([poor, none], [], 0.7, 50.0, groups).tie == ('a',)
-
-
 def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):
     recordings = a_set(device, ('displacement',)).recordings
     evidence = prepare(recordings, simulate_set(device, recordings))
@@ -281,89 +232,6 @@ def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):
     # Half as loud again is none of the noise; a tenth of it may be, if it is everywhere.
     assert judge.structure(np.sqrt(np.where(first, 1.5, 1.0)) * noise) == pytest.approx(0.5)
     assert judge.structure(np.sqrt(1.5) * noise) == pytest.approx(0.4)
-
-
-@pytest.mark.parametrize('best, structure, word', [
-    (Ranked('a', 500.0, 0.99, 1), 20.0, 'CAUSE'),
-    (Ranked('a', 3.0, 0.99, 1), 0.05, 'NO_GAP'),
-    (Ranked('a', 500.0, 0.20, 1), 20.0, 'UNKNOWN'),
-    (Ranked('a', 500.0, 0.40, 1, 0.3), 20.0, 'UNKNOWN'),  # it leaves the half of a channel
-    (Ranked('a', 100.0, 0.40, 1), 0.05, 'UNKNOWN'),
-    (Ranked('a', 100.0, 0.0, 1), 0.05, 'CAUSE'),  # too little to remove any, but not chance
-    (Ranked('a', 3.0, 0.01, 1), 20.0, 'UNKNOWN')])
-def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, word):
-    assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
-
-
-def test_who_removes_most_of_a_gap_comes_before_who_predicts_more_rows_and_removes_little():
-    quiet, loud = Ranked('sensor_lag', 900.0, 0.1, 1, 0.7), Ranked('friction', 200.0, 0.9, 1, 0.4)
-    other = Ranked('contact', 150.0, 0.3, 1, 0.8)
-    verdict = decide([quiet, loud, other], [], 0.95, 50.0, [])
-    assert verdict.word == 'CAUSE' and verdict.selected == ('friction',)
-    assert outscored(verdict, [quiet, loud, other]) == 'sensor_lag'
-    assert outscored(verdict, [loud, other]) is None
-    assert probabilities([quiet, loud, other]) == pytest.approx([0.0, 1.0, 0.0])
-    assert decide([quiet, other], [], 0.95, 50.0, []).word == 'UNKNOWN'
-    both = Ranked('friction+sensor_lag', 1500.0, 0.99, 2, 0.05, 0.0, 300.0, 0.8)
-    verdict = decide([quiet, loud, other], [both], 0.95, 50.0, [])
-    assert verdict.word == 'MULTIPLE' and verdict.selected == ('friction', 'sensor_lag')
-
-
-@pytest.mark.parametrize('second, part, removed, left, word', [
-    (300.0, 0.8, 0.99, 0.02, 'MULTIPLE'),
-    (10.0, 0.8, 0.99, 0.02, 'CAUSE'),  # too little to tell
-    (300.0, 0.1, 0.99, 0.02, 'CAUSE'),  # most of what it acts on stays
-    (300.0, 0.8, 0.82, 0.15, 'CAUSE'),  # in some cells it helps, all in all it does not
-    (300.0, 0.8, 0.82, 0.02, 'MULTIPLE'),  # in most recordings it does
-    (300.0, 0.8, 0.99, 0.15, 'MULTIPLE')])  # where the gap is large it does
-def test_a_second_effect_counts_only_if_it_explains_what_the_first_leaves(
-        second, part, removed, left, word):
-    singles = [Ranked('leakage', 300.0, 0.80, 1, 0.2), Ranked('friction', 50.0, 0.1, 1, 0.9)]
-    pairs = [Ranked('leakage+friction', 500.0, removed, 2, left, second=second, part=part)]
-    assert decide(singles, pairs, 0.99, 50.0, []).word == word
-
-
-@pytest.mark.parametrize('gain, word', [(2000.0, 'MULTIPLE'), (20000.0, 'CAUSE')])
-def test_a_second_effect_explains_more_than_the_form_of_a_strong_first_misses(gain, word):
-    singles = [Ranked('leakage', gain, 0.98, 1, 0.02), Ranked('friction', 50.0, 0.1, 1, 0.9)]
-    pairs = [Ranked('leakage+friction', gain + 200.0, 0.999, 2, 0.001, second=200.0, part=0.8)]
-    assert decide(singles, pairs, 0.99, 50.0, []).word == word
-
-
-@pytest.mark.parametrize('gain, said', [(5.0, 'leakage, removes 20 %'), (0.0, 'no effect')])
-def test_an_effect_that_explains_nothing_is_not_called_the_best(gain, said):
-    reason = decide([Ranked('leakage', gain, 0.2, 1)], [], 0.1, 20.0, []).reason
-    assert said in reason and ('leakage' in reason) == (gain > 0.0)
-
-
-def test_of_two_effects_the_stronger_is_named_first():
-    singles = [Ranked('sensor_delay', 300.0, 0.80, 1, 0.2), Ranked('friction', 50.0, 0.1, 1, 0.9)]
-    pairs = [Ranked('friction+sensor_delay', 500.0, 0.99, 2, 0.01, second=300.0, part=0.8)]
-    assert decide(singles, pairs, 0.99, 50.0, []).selected == ('sensor_delay', 'friction')
-
-
-def test_two_effects_that_explain_no_more_than_a_third_alone_are_not_believed():
-    singles = [Ranked('amplifier_bandwidth', 900.0, 0.99, 2, 0.03),
-               Ranked('command_delay', 500.0, 0.9, 1, 0.2)]
-    pair = Ranked('command_delay+friction', 800.0, 0.97, 3, 0.01, second=300.0, part=0.8,
-                  over=-50.0)
-    assert decide(singles, [pair], 0.99, 50.0, []).selected == ('amplifier_bandwidth',)
-
-
-def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_cause():
-    singles = [Ranked('thermal_drift', 900.0, 0.98, 2, 0.1),
-               Ranked('sensor_drift', 500.0, 0.7, 1, 0.4)]
-    relative = Ranked('thermal_drift+sensor_drift', 950.0, 0.995, 3, 0.01, second=200.0, part=0.5)
-    kin = {frozenset(('thermal_drift', 'sensor_drift'))}
-    assert decide(singles, [relative], 0.99, 50.0, [], kin=kin).selected == ('thermal_drift',)
-    assert decide(singles, [relative], 0.99, 50.0, []).word == 'MULTIPLE'
-    # Nor is another that explains less of the same; one that explains more is.
-    for second, word in ((150.0, 'CAUSE'), (250.0, 'MULTIPLE')):
-        other = Ranked('mount_creep+thermal_drift', 940.0, 0.99, 3, 0.02, second=second, part=0.5)
-        assert decide(singles, [relative, other], 0.99, 50.0, [], kin=kin).word == word
-    # One that leaves far less than the relative, all in all, is another matter.
-    poor = replace(relative, left=0.08)
-    assert decide(singles, [poor, other], 0.99, 50.0, [], kin=kin).word == 'MULTIPLE'
 
 
 def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):

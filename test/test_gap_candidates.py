@@ -7,9 +7,9 @@ What is lost is tried in the library's own form: it asks of the search alone.
 """
 
 import numpy as np
-from piezo_stack_sim.gap.candidates import is_idle, search_singles, tune
+from piezo_stack_sim.gap.candidates import _from_relatives, is_idle, Search, search_singles, tune
 from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_set
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.plant import Device, simulate
@@ -97,6 +97,20 @@ def test_earlier_swings_are_found_to_the_noise(device, swings):
         'initial_polarisation', 'asymmetric_hysteresis', 'stiffness_hardening'))
     assert search.nominal.cost > 10.0 * fitter.rows.size
     assert search.fits['initial_polarisation'].cost < 1.1 * fitter.rows.size
+
+
+@pytest.mark.parametrize('cost, starts', [(10.0, ['command_delay']), (80.0, [])])
+def test_a_delay_is_started_where_a_lag_does_far_better(cost, starts):
+    # Of 39 us, read every 50 us: a fit from none goes back to none.
+    phi = np.zeros(2)
+    search = Search(Fit({}, phi, np.empty(0), 100.0))
+    search.fits = {
+        'command_delay': Fit({'command_delay': {'delay': 0.0}}, phi, np.empty(0), 100.0),
+        'sensor_lag': Fit({'sensor_lag': {'time_constant': 4e-5}}, phi + 1.0, np.empty(0), cost),
+        'thermal_drift': Fit({'thermal_drift': {}}, phi, np.empty(0), 100.0)}
+    places = _from_relatives(search)
+    assert [name for name, _, _ in places] == starts
+    assert all(place == {'delay': 4e-5} and (there == 1.0).all() for _, place, there in places)
 
 
 def test_a_current_limit_that_is_rarely_met_is_found_under_noise(device):

@@ -14,7 +14,8 @@ from piezo_stack_sim.challenge.stack import Stack
 STEP = 2e-6  # s; the 24 kHz resonance gets twenty steps a period, good for a nanometre
 COARSE = 1e-3  # s, in holds
 KEEP = 4e-6  # s, spacing of the trace from which the sensors read
-SETTLING = 5  # hundredths of a second
+SLOW = 0.01  # s, between two voltages of a history
+SETTLED = 5  # of these, after strain has faded
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,15 @@ def rest(unit):
         # Slow, and without memory of time: a history is long past.
         still = unit.stack._replace(creep_per_decade=0.0, mount_exponent=0.0, rate_gain=0.0,
                                     current_limit=np.inf, heating_gain=0.0)
-        times = 0.01 * np.arange(path.size + 1)
-        run(still, state, times, path, np.zeros(path.size), STEP, 0.01, 1.0, True)
+
+        def lead(voltages):
+            times = SLOW * np.arange(voltages.size + 1)
+            run(still, state, times, voltages, np.zeros(voltages.size), STEP, SLOW, 1.0, True)
+
+        lead(path)
         if unit.faded:
             state[STATES:] *= 1.0 - np.array(unit.faded)
-            held = np.full(SETTLING, path[-1])
-            run(still, state, 0.01 * np.arange(held.size + 1), held, np.zeros(held.size), STEP,
-                0.01, 1.0, True)
+            lead(np.full(SETTLED, path[-1]))
     state[LAGGED] = state[RING] = state[TERMINAL] = first
     return state
 

@@ -17,7 +17,7 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.spread import spread
 
 DECIMALS = {'voltage': '%.7g', 'charge': '%.8g', 'displacement': '%.8g'}
-#: Times the stroke of the device without an effect that none that works moves.
+#: A device that moves this many times the stroke which it has without effects has run away.
 BROKEN = 5.0
 #: Every so many rows of the noise-free truth are kept for the true shrinkage.
 KEPT_ROWS = 10
@@ -129,7 +129,7 @@ def make_set(out, index, seed, kind, ids):
         hidden = [(key, case.EFFECTS[key].draw(random, context)) for key in ids]
         true = case.responses(case.hide(setting.clean, hidden), recordings) if ids else clean
         if not all(np.ptp(r['displacement']) < BROKEN * context.stroke for r in true):
-            continue  # it ran away, as a bow that softens can; not a number is not less either
+            continue  # a bow that softens can do that; what is not a number is not less either
         alone = {key: true if len(ids) == 1 else case.responses(
             case.hide(setting.clean, [(key, values)]), recordings) for key, values in hidden}
         seen = {key: case.visibility(setting, case.difference(setting, alone[key], clean), moved)

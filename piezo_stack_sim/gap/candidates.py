@@ -20,15 +20,14 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.descent import WIDE
 from piezo_stack_sim.gap.evidence import quieter, reweigh
-from piezo_stack_sim.gap.fit import Fit, Fitter, free_parameters, STEPS, TONE
+from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
 from piezo_stack_sim.gap.forward import parallel, simulate_channels
 from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
-from piezo_stack_sim.gap.swings import find_swings
+from piezo_stack_sim.gap.swings import FALLEN, find_history
 
 PLACES = 2  # places of an effect from which a fit sets out
 SWUNG_PLACES = 4  # and of one that is a history of swings, from which those are searched
-BEHIND = 0.7  # part of the cost of an effect with which its relative shows it where to start
-FALLEN = 0.8  # part of the cost to which one swing must bring it before more are tried
+OUTDONE = 0.7  # part of the cost of an effect with which its relative shows it where to start
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
 PROMISING = 0.03  # part of the best promise that earns an effect a fit
 FIELD = 9  # effects that get one in any case: a linear look underrates what is not linear
@@ -132,15 +131,13 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     progress('looking at every effect')
     for probe_ in parallel(probe, jobs):
         search.probes.setdefault(probe_.effect, []).append(probe_)
-    for name, probes in search.probes.items():
-        probes.sort(key=lambda p: -p.order)
-        search.fits[name] = _untouched(name, nominal)
     swung = [p for name, probes in search.probes.items() if EFFECTS[name].swings
              for p in _distinct(probes)[:SWUNG_PLACES]]
     for probe_ in parallel(lambda p: _led(fitter, p, nominal), swung):
-        search.probes[probe_.effect].insert(0, probe_)
-    for probes in search.probes.values():
+        search.probes[probe_.effect].append(probe_)
+    for name, probes in search.probes.items():
         probes.sort(key=lambda p: -p.order)
+        search.fits[name] = _untouched(name, nominal)
     best = max(p.gain for probes in search.probes.values() for p in probes)
     order = sorted(search.probes, key=lambda name: -max(p.gain for p in search.probes[name]))
     first = [(name, p.place, nominal.phi if p.phi is None else p.phi)
@@ -169,13 +166,14 @@ def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndar
     best = min(times, key=lambda name: search.fits[name].cost, default='')
     return [(name, {times[name]: search.fits[best].effects[best][times[best]]},
              search.fits[best].phi)
-            for name in times if search.fits[best].cost < BEHIND * search.fits[name].cost]
+            for name in times if search.fits[best].cost < OUTDONE * search.fits[name].cost]
 
 
 def _distinct(probes: list[Probe]) -> list[Probe]:
-    """Return ordered places without those that promise what others did."""
-    return [p for i, p in enumerate(probes) if p.direction is not None
-            and not any(math.isclose(p.order, other.order) for other in probes[:i])]
+    """Return places, ordered, without those that promise what others did."""
+    ordered = sorted(probes, key=lambda p: -p.order)
+    return [p for i, p in enumerate(ordered) if p.direction is not None
+            and not any(math.isclose(p.order, other.order) for other in ordered[:i])]
 
 
 def _promising(probes: list[Probe], least: float) -> list[Probe]:
@@ -348,32 +346,6 @@ def _led(fitter: Fitter, probe: Probe, nominal: Fit) -> Probe:
                                (SETTLED * fitter.rows.size, FALLEN * now))
     promise = now - cost
     return Probe(probe.effect, place, None, promise, promise, Place(place, {}), retuned(place)[1])
-
-
-def find_history(name: str, place: dict[str, float], cost: Callable[[dict[str, float]], float],
-                 worth: tuple[float, float]) -> tuple[dict[str, float], float]:
-    """
-    Return the numbers of an effect with the lowest cost near a place, and that cost.
-
-    Parameters
-    ----------
-    name : str
-        An effect that is a history of swings.
-    place : dict
-        Its parameters (SI) to start from.
-    cost : callable
-        Takes such parameters.
-    worth : (float, float)
-        Costs with the first alone between which it is worth while to move the others.
-
-    """
-    free = free_parameters(name, place)
-    names = [f.parameter.name for f in free]
-    numbers, lowest = find_swings(
-        lambda numbers: cost({**place, **dict(zip(names, numbers.tolist()))}),
-        np.array([place[n] for n in names]),
-        np.array([(f.parameter.lower, f.parameter.upper) for f in free]), worth)
-    return {**place, **dict(zip(names, numbers.tolist()))}, lowest
 
 
 def probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:

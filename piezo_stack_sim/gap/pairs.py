@@ -19,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import (
-    FALLEN, find_history, is_idle, Merit, Probe, probe_tone, RIVAL, Search)
+from piezo_stack_sim.gap.candidates import is_idle, Merit, Probe, probe_tone, RIVAL, Search
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
 from piezo_stack_sim.gap.quantities import words
+from piezo_stack_sim.gap.swings import FALLEN, find_history
 
 PARTNERS = 5  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows

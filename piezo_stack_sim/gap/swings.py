@@ -15,6 +15,7 @@ from collections.abc import Callable
 import itertools
 
 import numpy as np
+from piezo_stack_sim.gap.fit import free_parameters
 from scipy.optimize import minimize
 
 FIRST = (1.0, 1.15, 1.35)  # of the first swing alone: with later ones it may have been larger
@@ -22,6 +23,7 @@ BACK, FORTH = (-0.1, -0.2), (0.3, 0.65)  # of the first: later ones, each smalle
 REACH = 0.15  # of the first: the first step of the simplex
 EVALUATIONS = 25, 110  # simulations for the first alone, and for all
 STARTS = 2  # places from which all are searched
+FALLEN = 0.8  # part of the cost to which the first must bring it before more are tried
 FINE = 1e-3  # change of the numbers, against the first step, and of the cost: arrived
 
 
@@ -69,3 +71,29 @@ def find_swings(cost: Callable[[np.ndarray], float], start: np.ndarray, bounds: 
         best = lowest([best, *(lead(place, start.size, EVALUATIONS[1])
                                for place in places[:STARTS])])
     return best[1], best[0]
+
+
+def find_history(name: str, place: dict[str, float], cost: Callable[[dict[str, float]], float],
+                 worth: tuple[float, float]) -> tuple[dict[str, float], float]:
+    """
+    Return the numbers of an effect with the lowest cost near a place, and that cost.
+
+    Parameters
+    ----------
+    name : str
+        An effect that is a history of swings.
+    place : dict
+        Its parameters (SI) to start from.
+    cost : callable
+        Takes such parameters.
+    worth : (float, float)
+        Costs with the first alone between which it is worth while to move the others.
+
+    """
+    free = free_parameters(name, place)
+    names = [f.parameter.name for f in free]
+    numbers, lowest = find_swings(
+        lambda numbers: cost({**place, **dict(zip(names, numbers.tolist()))}),
+        np.array([place[n] for n in names]),
+        np.array([(f.parameter.lower, f.parameter.upper) for f in free]), worth)
+    return {**place, **dict(zip(names, numbers.tolist()))}, lowest
