@@ -81,8 +81,8 @@ def test_right_answers_score_full(tmp_path):
     """Every question that the batch puts is answered right, and no alarm is false."""
     result = score(answered(tmp_path, oracle))
     rates = result['rates']
-    for question in ('detected', 'effect', 'block', 'covered', 'both', 'either', 'unknown',
-                     'unknown_block', 'right'):
+    for question in ('detected', 'effect', 'block', 'covered', 'both', 'both_open', 'either',
+                     'unknown', 'unknown_block', 'right'):
         assert rates[question]['rate'] == 1.0, question
     assert rates['false_alarm']['rate'] == rates['false_unknown']['rate'] == 0.0
     assert result['calibration']['first_cause']['ece'] == 0.0
@@ -207,6 +207,15 @@ def test_an_ambiguous_answer_counts_when_it_leaves_the_truth_open():
     row = judge(label('one', ['creep']), tie)
     assert row['covered'] and row['right'] and not row['effect'] and row['set_size'] == 2
     assert not judge(label('one', ['friction']), tie)['right']
+
+
+def test_a_pair_with_a_stated_exchange_is_right_but_not_both_named():
+    answer = {'verdict': 'MULTIPLE', 'selected': ['creep', 'friction'], 'causes': [],
+              'ambiguity_set': ['friction', 'contact'], 'where': {'block': 'electrical'}}
+    row = judge(label('two', ['creep', 'contact']), answer)
+    assert row['both_open'] and row['right'] and not row['both']
+    assert not judge(label('two', ['creep', 'leakage']), answer)['both_open']
+    assert not judge(label('one', ['creep']), answer)['right']
 
 
 def test_a_pair_is_judged_by_what_is_selected_not_by_the_best_single():

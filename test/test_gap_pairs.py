@@ -104,7 +104,7 @@ def test_what_the_form_of_a_lone_cause_misses_is_no_second_cause(device):
 def test_beside_a_quiet_effect_in_many_rows_the_loud_one_is_asked_for_its_partners_too(
         monkeypatch, evidence, second, asked):
     quiet = Ranked('sensor_lag', 2000.0, 0.05, 1, 0.7, 9.0)
-    search = SimpleNamespace(bases={}, nominal=SimpleNamespace(residual=np.ones(9)))
+    search = SimpleNamespace(bases={}, fits={}, nominal=SimpleNamespace(residual=np.ones(9)))
     bases = []
 
     def partners(fitter, search, base, *rest):

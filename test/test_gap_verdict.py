@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 from piezo_stack_sim.gap.isolability import Alike
-from piezo_stack_sim.gap.verdict import decide, outscored, probabilities, Ranked
+from piezo_stack_sim.gap.verdict import decide, outscored, probabilities, Ranked, tie_pairs
 import pytest
 
 
@@ -137,3 +137,50 @@ def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_c
     # One that leaves far less than the relative, all in all, is another matter.
     poor = replace(relative, left=0.08)
     assert decide(singles, [poor, other], 0.99, 50.0, [], kin=kin).word == 'MULTIPLE'
+
+
+@pytest.mark.parametrize('alone, together, word', [
+    (0.60, 0.99, 'MULTIPLE'),  # hardly anything is left: no form misses so much
+    (0.60, 0.85, 'CAUSE'),  # what the form of the first misses may be what the second fills in
+    (0.97, 0.999, 'CAUSE')])
+def test_two_that_leave_hardly_anything_of_much_need_less_to_be_believed(alone, together, word):
+    singles = [Ranked('leakage', 5000.0, alone, 1, 0.4), Ranked('friction', 50.0, 0.1, 1, 0.9)]
+    pair = Ranked('leakage+friction', 5200.0, together, 2, 0.1, second=100.0, part=0.8, over=100.0)
+    assert decide(singles, [pair], 0.99, 50.0, []).word == word
+
+
+@pytest.fixture
+def stop_and_delay():
+    """Return single effects and pairs, of which the first would be answered."""
+    singles = [Ranked('contact', 900.0, 0.9, 2, 0.2), Ranked('sensor_delay', 100.0, 0.1, 1, 0.9)]
+
+    def pair(name, over, removed=0.995):
+        return Ranked(name, 1000.0, removed, 3, 0.01, second=300.0, part=0.8, over=over)
+
+    return singles, pair
+
+
+def test_two_effects_of_which_one_may_be_exchanged_are_told_as_a_tie(stop_and_delay):
+    singles, pair = stop_and_delay
+    pairs = [pair('contact+sensor_delay', 600.0), pair('contact+sensor_lag', 560.0),
+             pair('friction+sensor_delay', 200.0)]
+    verdict = tie_pairs(decide(singles, pairs, 0.99, 50.0, []), pairs, singles)
+    assert verdict.word == 'MULTIPLE' and verdict.selected == ('contact', 'sensor_delay')
+    assert verdict.tie == ('sensor_delay', 'sensor_lag')
+    assert 'sensor lag' in verdict.reason
+    chance = verdict.pairs
+    assert set(chance) == {'contact+sensor_delay', 'contact+sensor_lag'}
+    assert sum(chance.values()) == pytest.approx(verdict.confidence)
+    assert chance['contact+sensor_lag'] < chance['contact+sensor_delay']
+
+
+def test_a_pair_found_late_that_does_better_takes_the_place_of_the_first(stop_and_delay):
+    singles, pair = stop_and_delay
+    pairs = [pair('contact+sensor_delay', 300.0)]
+    verdict = decide(singles, pairs, 0.99, 50.0, [])
+    better = tie_pairs(verdict, [*pairs, pair('contact+sensor_lag', 600.0)], singles)
+    assert better.selected == ('contact', 'sensor_lag') and not better.tie
+    assert 'sensor lag' in better.reason
+    # Not one that predicts more rows but leaves much more of the gap.
+    poor = tie_pairs(verdict, [*pairs, pair('contact+sensor_lag', 600.0, 0.93)], singles)
+    assert poor.selected == ('contact', 'sensor_delay') and not poor.tie

@@ -120,6 +120,7 @@ def judge(label, answer, shrinkage=None):
         'covered_bare': truth[0] in open_set if one and bare else None,
         'set_size': len(open_set) if one and open_set else None,
         'both': set(truth) <= (set(names) | set(answer.get('selected') or ())) if two else None,
+        'both_open': set(truth) <= open_set | set(names) if two else None,
         'either': bool(set(truth) & open_set | set(truth) & set(names)) if two else None,
         'unknown': verdict == 'UNKNOWN' if absent else None,
         'unknown_or_lookalike': (verdict == 'UNKNOWN' or bool(lookalikes & open_set)
@@ -143,8 +144,8 @@ def right(kind, truth, verdict, names, open_set):
         return verdict == 'NO_GAP'
     if kind == 'absent':
         return verdict == 'UNKNOWN'
-    if verdict == 'AMBIGUOUS':
-        return set(truth) <= open_set
+    if verdict == 'AMBIGUOUS' or verdict == 'MULTIPLE' and kind == 'two':
+        return set(truth) <= open_set | set(names)
     return set(truth) == set(names)
 
 

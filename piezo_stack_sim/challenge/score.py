@@ -31,6 +31,7 @@ QUESTIONS = {
     'covered': ('one effect: among those left open', None),
     'covered_bare': ('the same from displacement alone', 0.95),
     'both': ('two effects: both named', 0.80),
+    'both_open': ('the same, or left open what the other may be', None),
     'either': ('two effects: at least one named', 0.98),
     'unknown': ('absent from the library: answered UNKNOWN', 0.90),
     'unknown_or_lookalike': ('the same, or an effect that explains it as well', None),

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 import math
 
@@ -15,10 +15,11 @@ from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.isolability import Alike
-from piezo_stack_sim.gap.pairs import exchange, explained, polish_pairs, search_partners
+from piezo_stack_sim.gap.pairs import (
+    add_pair, exchange, exchange_alike, explained, pair_of, polish_pairs, search_partners)
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.verdict import (
-    contenders, Cut, decide, Ranked, second_explains, Thresholds, Verdict)
+    contenders, Cut, decide, Ranked, second_explains, Thresholds, tie_pairs, Verdict)
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
@@ -88,19 +89,19 @@ def rank(names, search: Search, judge: Judge, removable: Removable) -> list[Rank
     return sorted(ranked, key=lambda r: (-r.gain, r.name))
 
 
-def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable, kept: str = ''
-               ) -> list[Ranked]:
+def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable,
+               kept: Collection[str] = ()) -> list[Ranked]:
     """
     Return pairs, best first: by what the second effect explains where the first leaves it.
 
-    Only the best are looked at, and the one to be ``kept``.
+    Only the best are looked at, and those to be ``kept``.
     """
     pairs = rank([n for n in search.fits if '+' in n], search, judge, removable)
     pairs.sort(key=lambda r: (judge.cells.nats(search.fits[r.name].residual), r.name))
-    pairs = [pair for rank, pair in enumerate(pairs) if rank < PAIRS_SHOWN or pair.name == kept]
+    pairs = [pair for rank, pair in enumerate(pairs) if rank < PAIRS_SHOWN or pair.name in kept]
     alone = min((judge.cells.nats(fit.residual) for fit in search.bases.values()), default=0.0)
     for i, pair in enumerate(pairs):
-        if not set(pair.name.split('+')) <= set(search.bases):
+        if pair.name not in kept and not set(pair.name.split('+')) <= set(search.bases):
             continue  # not among the best: nobody asked what each of the two does alone
         nats, part = explained(fitter, search, judge.cells, pair.name)
         lost = judge.cells.nats(search.fits[pair.name].residual)
@@ -135,16 +136,27 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
                  progress: Callable[[str], None], cut: Cut | None = None) -> None:
     """Fit second effects beside the best, where these leave something that they could explain."""
     names = [name for name in EFFECTS if cut is None or cut.allows(name)]
-    singles = _singles(search, judge, Removable(judge.evidence, search.nominal.residual))
+    removable = Removable(judge.evidence, search.nominal.residual)
+    singles = _singles(search, judge, removable)
     best = singles[0]
-    if best.gain > thresholds.detect and best.excess > thresholds.leftover:
-        search_partners(fitter, search, best.name, progress, names)
-        exchange(fitter, search, progress, names)
-        loud = contenders(singles, thresholds)[0].name
-        if loud not in search.bases:
-            # A quiet effect in many rows comes first, and nothing was found beside it.
-            search_partners(fitter, search, loud, progress, names)
+    if best.excess <= thresholds.leftover:
+        return
+    # A quiet effect in many rows may come first, with nothing beside it; or two that need each
+    # other come to nothing alone.
+    loudest = max(singles, key=lambda single: single.removed)
+    for base in (best if best.gain > thresholds.detect else loudest,
+                 contenders(singles, thresholds)[0]):
+        if base.name not in search.bases and max(base.gain, base.removed) > 0.0:
+            search_partners(fitter, search, base.name, progress, names)
+            exchange(fitter, search, progress, names)
+    if search.bases:
         polish_pairs(fitter, search)
+    # What leaves hardly anything is asked what each of the two does alone.
+    for name in [name for name in search.fits if '+' in name]:
+        left = 1.0 - removable.share(search.fits[name].residual)
+        if (not set(name.split('+')) <= set(search.bases)
+                and left < thresholds.finishes * (1.0 - loudest.removed)):
+            add_pair(fitter, search, search.fits[name].effects, search.fits[name].phi)
 
 
 def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
@@ -152,7 +164,8 @@ def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]
 
 
 def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, alike: Alike,
-                  thresholds: Thresholds, cut: Cut | None = None) -> Decision:
+                  thresholds: Thresholds, progress: Callable[[str], None],
+                  cut: Cut | None = None) -> Decision:
     """
     Rank all that was fitted, and decide.
 
@@ -170,6 +183,8 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         What the recordings cannot tell apart.
     thresholds : Thresholds
         What was learned on the development set.
+    progress : callable
+        Called with a sentence at every stage.
     cut : Cut, optional
         What a look at both sides of the terminals told.
 
@@ -177,14 +192,22 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     # What re-tuning removes is calibration, not a cause.
     removable = Removable(judge.evidence, search.nominal.residual)
     singles = _singles(search, judge, removable)
-    pairs = rank_pairs(fitter, search, judge, removable, cut.pair if cut else '')
     best = singles[0]
-    pairs = [_by_all_rows(fitter, search, judge, removable, pair, best.name)
-             if best.name in pair.name.split('+')
-             and (second_explains(best, pair, thresholds, alike.kin)
-                  or cut is not None and pair.name == cut.pair) else pair
-             for pair in pairs]
+
+    def ranked(kept: Collection[str]) -> list[Ranked]:
+        return [_by_all_rows(fitter, search, judge, removable, pair, best.name)
+                if best.name in pair.name.split('+')
+                and (second_explains(best, pair, thresholds, alike.kin) or pair.name in kept)
+                else pair for pair in rank_pairs(fitter, search, judge, removable, kept)]
+
+    pairs = ranked([cut.pair] if cut else [])
     structure = judge.structure(search.nominal.residual)
     verdict = decide(singles, pairs, ceiling, structure, alike.groups, thresholds, alike.kin,
                      cut)
+    if verdict.word == 'MULTIPLE':
+        name = pair_of(*verdict.selected)
+        resembling = alike.resembling.union(cut.resembling if cut else ())
+        asked = exchange_alike(fitter, search, name, resembling, progress)
+        pairs = ranked([name, *asked])
+        verdict = tie_pairs(verdict, pairs, singles, thresholds)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

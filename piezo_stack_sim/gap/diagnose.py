@@ -120,7 +120,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     alike = isolability(fitter, search)
-    decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, cut)
+    decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
     verdict, chosen = decision.verdict, decision.chosen(search)
     progress('writing it up')
     devices = fitter.devices_of(chosen)
@@ -129,12 +129,13 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
                             flexible, thresholds, terminals and terminals.tuned)
     if ablate:
         result['baselines'] |= ablations(search, fitter, judge, verdict, lambda other, by: (
-            decide_search(fitter, other, by, ceiling, alike, thresholds, cut).verdict))
+            decide_search(fitter, other, by, ceiling, alike, thresholds, _silent, cut).verdict))
     if len(verdict.tie) > 1:
         from piezo_stack_sim.gap.experiment import next_experiment
         progress('looking for the experiment that decides')
         result['next_experiment'] = next_experiment(
-            fitter, evidence, {name: search.fits[name] for name in verdict.tie})
+            fitter, evidence,
+            {name: search.correction(name) for name in verdict.pairs or verdict.tie})
     if traces:
         from piezo_stack_sim.gap.traces import build_traces
         result['traces'] = build_traces(

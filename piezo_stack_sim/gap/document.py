@@ -122,15 +122,12 @@ def _causes(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     verdict, nominal = decision.verdict, search.nominal
     chance = verdict.single * probabilities(
         decision.singles, thresholds, decision.alike.groups)
+    shown = [pair for rank, pair in enumerate(decision.pairs)
+             if rank < PAIRS_SHOWN or pair.name in verdict.pairs]
     ranked = [*zip(decision.singles, chance.tolist()),
-              *((pair, _pair_chance(verdict, pair)) for pair in decision.pairs[:PAIRS_SHOWN])]
+              *((pair, verdict.pairs.get(pair.name, 0.0)) for pair in shown)]
     return [cause_part(each, search.correction(each.name), chance, decision.judge, nominal, fitter)
             for each, chance in sorted(ranked, key=lambda row: -row[1])]
-
-
-def _pair_chance(verdict, ranked: Ranked) -> float:
-    chosen = verdict.word == 'MULTIPLE' and set(ranked.name.split('+')) == set(verdict.selected)
-    return verdict.confidence if chosen else 0.0
 
 
 def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:

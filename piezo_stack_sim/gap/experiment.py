@@ -51,12 +51,15 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
     evidence : Evidence
         What was measured, for its channels and noise.
     tied : dict of str to Fit
-        The causes that the recordings do not decide between.
+        The causes, or the pairs of causes, that the recordings do not decide between.
 
     """
     names = list(tied)[:MOST]
     if len(names) < 2:
         return None
+    parts = [name.split('+') for name in names]
+    told = list(dict.fromkeys(  # what all have in common is not told apart
+        part for each in parts for part in each if not all(part in other for other in parts)))
     devices = [fitter.device_with(tied[name].effects, tied[name].phi) for name in names]
     noise = {c: evidence.noise_rms(c) if c in evidence.noise else USUAL_NOISE[c]
              for c in CHANNELS}
@@ -74,15 +77,15 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
     candidates.sort(key=lambda c: -c[0])
     _, separation, profile, settings, extra = candidates[0]
     others = [c for c in candidates[1:] if c[2] != profile or c[4] != extra][:2]
-    return {**_entry(separation, profile, settings, extra, names),
-            'alternatives': [_entry(c[1], c[2], c[3], c[4], names) for c in others]}
+    return {**_entry(separation, profile, settings, extra, told),
+            'alternatives': [_entry(c[1], c[2], c[3], c[4], told) for c in others]}
 
 
-def _entry(separation, profile, settings, extra, names) -> dict:
+def _entry(separation, profile, settings, extra, told) -> dict:
     words = ' '.join(f'--{key} {" ".join(map(str, value)) if isinstance(value, list) else value}'
                      for key, value in settings.items())
     besides = f', {extra} measured besides' if extra else ''
-    return {'profile': profile, 'settings': settings, 'add_channel': extra, 'separates': names,
+    return {'profile': profile, 'settings': settings, 'add_channel': extra, 'separates': told,
             'separation': float(separation), 'command': f'piezo_stack excite {profile} {words}',
             'why': f'the two closest of the tied causes then differ by {separation:.1f} times '
                    f'the noise{besides}'}

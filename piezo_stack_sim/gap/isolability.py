@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+import itertools
 
 import numpy as np
 
@@ -39,6 +40,12 @@ class Alike:
     unseen: list[str]
     kin: set[frozenset[str]]
     single: bool = False
+
+    @property
+    def resembling(self) -> set[frozenset[str]]:
+        """Return the effects that look alike or resemble each other, by twos."""
+        return self.kin.union(*(map(frozenset, itertools.combinations(group, 2))
+                                for group in self.classes))
 
     @property
     def groups(self) -> list[Collection[str]]:

@@ -32,7 +32,8 @@ def run_job(job: Job) -> str:
         diagnosis = diagnose_to_folder(job.paths, job.params, job.out, job.mapping, job.units)
     except InputError as error:
         return f'failed: {error}'
-    names = ', '.join(diagnosis['ambiguity_set'] or diagnosis['selected'])
+    names = ', '.join(dict.fromkeys(
+        [*diagnosis['selected'], *diagnosis['ambiguity_set']]))
     return f'{diagnosis["verdict"]} {names}'.rstrip()
 
 

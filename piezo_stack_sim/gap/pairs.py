@@ -63,9 +63,10 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
     others = [name for name in names if name != base]
     chosen = _promises(weighed, search, others, fit)[:partners]
-    chosen += [place for place in _promises(fitter, search, others, fit)[:plain]
-               if place[0] not in dict(chosen)]
-
+    by_rows = _promises(fitter, search, others, fit)
+    chosen += [place for place in by_rows[:plain] if place[0] not in dict(chosen)]
+    places = dict(by_rows)
+    without = weighed.cost(fit.residual, fit.phi)
     aside = replace(fit, view=None)  # through the lens of the weighed
 
     def whole(place):
@@ -75,8 +76,12 @@ def search_partners(fitter: Fitter, search: Search, base: str,
                 name, values, lambda values: weighed.cost_beside(
                     weighed.residual_of({**fit.effects, name: values}, fit.phi), aside),
                 (0.0, FALLEN * weighed.cost_beside(fit.residual, aside)))
-        return pair_of(base, name), weighed.fit({**fit.effects, name: values}, fit.phi,
-                                                FIRST_STEPS, beside=fit)
+        pair = weighed.fit({**fit.effects, name: values}, fit.phi, FIRST_STEPS, beside=fit)
+        if pair.cost > without and name != TONE:
+            # From a place that looked good by its weighed rows it did not find its way.
+            rows = fitter.fit({**fit.effects, name: places[name]}, fit.phi, PLAIN_STEPS)
+            pair = weighed.fit(rows.effects, rows.phi, FIRST_STEPS, beside=rows)
+        return pair_of(base, name), pair
 
     def acting(pair):
         return _acting(fitter, cells, base, fit, pair)
@@ -87,7 +92,6 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     fitted = {name: fit for name, fit in parallel(whole, chosen)
               if not any(is_idle(weighed, fit, other) for other in fit.effects if other != base)}
     merits = dict(zip(fitted, parallel(acting, fitted.values())))
-    without = weighed.cost(fit.residual, fit.phi)
     best = _leading({name: without - pair.cost for name, pair in fitted.items()}, LEADING)
     best += [name for name in _leading({name: merits[name].product for name in fitted}, LEADING)
              if name not in best]
@@ -226,6 +230,54 @@ def add_pair(fitter: Fitter, search: Search, start: dict[str, dict[str, float]],
             search.bases[base] = fit
     search.merits[name] = explained(fitter, search, cells, name)
     return name
+
+
+def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[frozenset[str]],
+                   progress: Callable[[str], None]) -> list[str]:
+    """
+    Fit what a pair would be with one of the two exchanged for what resembles it.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        With which all was fitted.
+    search : Search
+        Where the pair is, and where the others go.
+    name : str
+        The pair.
+    alike : collection of frozenset of str
+        Effects that resemble each other, by twos.
+    progress : callable
+        Called with a sentence at every stage.
+
+    Returns
+    -------
+    list of str
+        The names of the pairs that were asked.
+
+    """
+    progress(f'looking for what resembles {words(name)}')
+    known = search.fits[name]
+    cells = Cells(fitter.evidence, fitted=True)
+    starts = {}
+    for out in name.split('+'):
+        kept, = set(name.split('+')) - {out}
+        without = fitter.fit({kept: known.effects[kept]}, known.phi, ALONE_STEPS)
+        others = [other for other in EFFECTS if frozenset((out, other)) in alike
+                  and other != kept and other in search.probes]
+        for other, place in _promises(fitter, search, others, without)[:EXCHANGED]:
+            pair = pair_of(kept, other)
+            starts[pair] = search.fits.get(pair) or replace(
+                known, effects={kept: known.effects[kept], other: place})
+
+    def whole(pair):
+        start = starts[pair]
+        return pair, _settled(fitter, cells, fitter.fit(start.effects, start.phi, PLAIN_STEPS))
+
+    for pair, fit in parallel(whole, starts):
+        if _better(cells, fit, search.fits.get(pair)):
+            search.fits[pair] = fit
+    return list(starts)
 
 
 def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:

@@ -6,8 +6,9 @@ import textwrap
 
 from piezo_stack_sim.gap.quantities import (in_order, listing, percent, probability,
                                             quantity, times_noise, unit_of, UNKNOWN, words)
-from piezo_stack_sim.gap.wording import (as_sentence, next_sentence, reference_score,
-                                         shrinkage_channels, verdict_sentence, VERDICTS)
+from piezo_stack_sim.gap.wording import (
+    as_sentence, next_sentence, reference_score, shrinkage_channels, tied, verdict_sentence,
+    VERDICTS)
 
 LINES = 25
 _COLOURS = {'NO_GAP': 'green', 'CAUSE': 'cyan', 'MULTIPLE': 'cyan', 'AMBIGUOUS': 'yellow',
@@ -124,13 +125,13 @@ def _causes(diagnosis, width):
     causes = [cause for cause in diagnosis['causes'] if cause['delta_log_score'] > 0.0][:5]
     if not causes:
         return []
-    tied = diagnosis['ambiguity_set'] if len(diagnosis['ambiguity_set']) > 1 else ()
+    alike = tied(diagnosis)
     lines = [('Causes', 'bold')]
     for rank, cause in enumerate(causes, 1):
         effects = cause['effect'].split('+')
         on = all(effect in diagnosis['selected'] for effect in effects)
         marks = [mark for mark, wanted in (
-            ('on', on), ('tie', all(effect in tied for effect in effects)),
+            ('on', on), ('tie', cause['effect'] in alike),
             ('at bound', any(row['at_bound'] for row in cause['parameters'].values()))) if wanted]
         bar = '█' * round(min(20, max(width - 68, 0)) * cause['probability'])
         chance = probability(cause['probability'])

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+import itertools
 import math
 
 import numpy as np
@@ -31,6 +32,7 @@ from piezo_stack_sim.plant import Device
 DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive')
 BEHIND = tuple(name for name in EFFECTS if name not in DRIVE)
 UNMISTAKABLE = 0.5  # excess over the noise power that no effect need explain to be a gap
+SEES = 0.4  # part of an effect that must be seen behind the terminals to deny it there
 LEADING = 2  # effects of the drive whose numbers by the voltage alone are tried
 
 
@@ -45,6 +47,17 @@ class Part:
     def best(self) -> Fit:
         """Return the fit of the best effect."""
         return self.search.fits[self.decision.singles[0].name]
+
+    @property
+    def resembling(self) -> set[frozenset[str]]:
+        """Return the effects that look much alike on this side, by twos."""
+        tie = self.decision.verdict.tie
+        return self.decision.alike.resembling.union(
+            map(frozenset, itertools.combinations(tie, 2)))
+
+    def sees(self, name: str) -> float:
+        """Return how long an effect is in this part, in standard deviations of its noise."""
+        return _length(self.search, name)
 
     @property
     def explained(self) -> float:
@@ -89,17 +102,19 @@ class Terminals:
         if self.before.explained < thresholds.drive:
             return Cut(known=False)
         singles = self.behind.decision.singles
-        supported = frozenset(each.name for each in singles if each.gain > thresholds.second)
+        # Who sees little of an effect cannot deny it.
+        supported = frozenset(each.name for each in singles if each.gain > thresholds.second
+                              or self.behind.sees(each.name) < SEES * _length(search, each.name))
         removed = self.behind.explained
+        resembling = frozenset(self.before.resembling | self.behind.resembling)
         if (not self.behind.decision.verdict.selected or singles[0].gain < thresholds.second
                 or removed < thresholds.explained
                 or self.behind.decision.structure < thresholds.excess):
-            return Cut(known=True, supported=supported)
+            return Cut(known=True, resembling=resembling, supported=supported)
         progress('fitting what both sides of the terminals told')
         second = self.behind.best
         pair = add_pair(fitter, search, {**self.before.best.effects, **second.effects}, second.phi)
-        others = self.behind.decision.verdict.tie[1:]
-        return Cut(True, pair, removed, others, supported)
+        return Cut(True, pair, removed, resembling, supported)
 
 
 def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
@@ -163,7 +178,13 @@ def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],
     fitter.prepare(parallel)
     search = search_singles(fitter, progress, names, known)
     return Part(search, decide_search(fitter, search, judge_of(fitter, search), 1.0,
-                                      isolability(fitter, search), thresholds))
+                                      isolability(fitter, search), thresholds, progress))
+
+
+def _length(search: Search, name: str) -> float:
+    """Return how long an effect is, in standard deviations, where it was looked at."""
+    return max((float(np.linalg.norm(probe.direction, axis=0).max())
+                for probe in search.probes[name] if probe.direction is not None), default=0.0)
 
 
 def _is_cut(track: Track) -> bool:

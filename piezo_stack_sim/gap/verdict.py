@@ -10,8 +10,8 @@ that is withheld.
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -35,12 +35,16 @@ class Thresholds:
     most: float = 0.75  # part that another must remove to come before a best that is poor
     second: float = 40.0  # nats that a second effect must explain where it acts
     second_form: float = 0.03  # or, if more, this part of what the first explains
+    finish_form: float = 0.01  # and this where the two leave hardly anything of what one leaves
+    finishes: float = 0.1  # part of what one leaves that is hardly anything
     second_part: float = 0.25  # and the part of what the first leaves there
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.4  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
-    as_good: float = 0.85  # part of what one explains from which another would do as well
+    as_good: float = 0.85  # part of what one removes that a look-alike removes as well
+    as_likely: float = 0.1  # probability, against the best pair, from which a pair ties with it
+    alike_pair: float = 0.08  # part of what pairs explain by which the form may mislead
     shade: float = 0.5  # part of what a relative of the first leaves above which a pair is like it
     leftover: float = 0.12  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
@@ -167,14 +171,15 @@ class Cut:
 
     ``known`` tells whether an effect of the drive explains the voltage, ``pair`` is the name
     of that with what clearly acts behind the terminals ('' for nothing), ``removed`` the part
-    of the gap behind them that this removes, ``others`` would do about as well,
-    ``supported`` are effects behind the terminals that explain anything there.
+    of the gap behind them that this removes, ``resembling`` are effects that look much alike on
+    one side, by twos, ``supported`` are effects behind the terminals that explain anything there,
+    or of which hardly anything is seen there.
     """
 
     known: bool
     pair: str = ''
     removed: float = 0.0
-    others: tuple[str, ...] = ()
+    resembling: frozenset[frozenset[str]] = frozenset()
     supported: frozenset[str] = frozenset()
 
     def allows(self, effect: str) -> bool:
@@ -188,9 +193,10 @@ class Verdict:
     The answer.
 
     ``selected`` are the effects switched on, the stronger first, ``tie`` those that
-    cannot be told apart, ``confidence`` the probability that the verdict is right,
-    ``single`` that one effect of the library is the whole cause, ``block`` where it is known
-    to be, whatever it is.
+    cannot be told apart (of two causes: what may be exchanged for what), ``confidence`` the
+    probability that the verdict is right, ``single`` that one effect of the library is the whole
+    cause, ``block`` where it is known to be, whatever it is, ``pairs`` the probabilities of the
+    pairs that tie.
     """
 
     word: str
@@ -200,6 +206,7 @@ class Verdict:
     confidence: float
     single: float
     block: str | None = None
+    pairs: Mapping[str, float] = field(default_factory=dict)
 
 
 def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure: float,
@@ -239,7 +246,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             if pair.name == cut.pair and pair.second > enough:
                 sure = pair.odds(t.two)
                 return Verdict('MULTIPLE', _by_rank(pair, singles, t), (), _why_behind(cut),
-                               sure, 1.0 - sure)
+                               sure, 1.0 - sure, pairs={pair.name: sure})
         pairs = [pair for pair in pairs if all(map(cut.allows, pair.name.split('+')))]
     for pair in pairs:
         if (_counts(best, pair, t, kin)
@@ -247,7 +254,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
             return Verdict('MULTIPLE', _by_rank(pair, singles, t), (),
-                           _why_two(best, pair, pairs, t), sure, 1.0 - sure)
+                           _why_two(best, pair), sure, 1.0 - sure, pairs={pair.name: sure})
     singles = contenders(singles, t)
     chance = probabilities(singles, t, classes)
     best = singles[0]
@@ -295,27 +302,59 @@ def _why_behind(cut: Cut) -> str:
     reason = (f'{words(first)} is what is wrong with the voltage at the terminals; driven by the '
               f'measured voltage the rest has a gap, too, of which {words(second)} removes '
               f'{_percent(cut.removed)}')
-    if cut.others:
-        reason += f' (so would {" or ".join(words(name) for name in cut.others)})'
     return reason
 
 
-def _why_two(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds) -> str:
-    """Return why two effects are believed in, and which other second one would do."""
+def _why_two(best: Ranked, pair: Ranked) -> str:
+    """Return why two effects are believed in."""
     first, second = sorted(pair.name.split('+'), key=lambda name: name != best.name)
     if first != best.name:
         return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap, '
                 f'{words(first)} with {words(second)} {_percent(pair.removed)}; of what either '
                 f'leaves where the other acts, that explains {_percent(pair.part)}')
-    others = [name for other in pairs for name in other.name.split('+')
-              if other is not pair and first in other.name.split('+') and name != first
-              and other.part >= t.second_part and other.second >= t.as_good * pair.second]
-    reason = (f'{words(first)} removes {_percent(best.removed)} of the removable gap, with '
-              f'{words(second)} {_percent(pair.removed)}; of what the first leaves where the '
-              f'second acts, that explains {_percent(pair.part)}')
-    if others:
-        reason += f' (so would {" or ".join(words(name) for name in others)})'
-    return reason
+    return (f'{words(first)} removes {_percent(best.removed)} of the removable gap, with '
+            f'{words(second)} {_percent(pair.removed)}; of what the first leaves where the '
+            f'second acts, that explains {_percent(pair.part)}')
+
+
+def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
+              thresholds: Thresholds = DEFAULTS) -> Verdict:
+    """
+    Return the verdict of two causes with the pairs that explain the gap as well.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        MULTIPLE, of one pair.
+    pairs, singles : list of Ranked
+        Those that were looked at, that pair among them.
+    thresholds : Thresholds, optional
+        What was learned on the development set.
+
+    """
+    t = thresholds
+    chosen = next(pair for pair in pairs if set(pair.name.split('+')) == set(verdict.selected))
+    most = t.alike * (1.0 - chosen.removed) + 0.01
+    able = [chosen, *(pair for pair in pairs if pair.over < math.inf
+                      and 1.0 - pair.removed < most and pair is not chosen)]
+    best = max(pair.over for pair in able)
+    misled = t.temperature + t.alike_pair * max(best, 0.0)
+    weight = {pair: math.exp((pair.over - best) / misled - t.occam * pair.parameters)
+              for pair in able}
+    likeliest = sorted(weight, key=lambda pair: -weight[pair])
+    tied = [pair for pair in likeliest if weight[pair] >= t.as_likely * weight[likeliest[0]]]
+    total = sum(weight[pair] for pair in tied)
+    common = set.intersection(*(set(pair.name.split('+')) for pair in tied))
+    reason = verdict.reason if tied[0] is chosen else _why_two(singles[0], tied[0])
+    if len(tied) > 1:
+        others = ' or '.join(words(pair.name) for pair in tied[1:])
+        reason += f'; these recordings do not tell it from {others}'
+    return replace(
+        verdict, selected=_by_rank(tied[0], singles, t),
+        tie=tuple(dict.fromkeys(name for pair in tied for name in pair.name.split('+')
+                                if name not in common)),
+        reason=reason,
+        pairs={pair.name: verdict.confidence * weight[pair] / total for pair in tied})
 
 
 def _percent(part: float) -> str:
@@ -325,8 +364,10 @@ def _percent(part: float) -> str:
 def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
                     kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect explains enough where it acts."""
-    # What the form of the first misses is a part of what it explains.
-    if pair.second < max(t.second, t.second_form * best.gain) or pair.over < 0.5 * t.second:
+    # What the form of the first misses is a part of what it explains, but leaves little.
+    finishes = best.removed < t.alone and 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
+    form = t.finish_form if finishes else t.second_form
+    if pair.second < max(t.second, form * best.gain) or pair.over < 0.5 * t.second:
         return False
     if _are_relatives(pair, kin):
         # What the form of the first misses, a relative fills in: it takes more to believe in two.

@@ -30,7 +30,9 @@ def verdict_sentence(diagnosis):
         return _capital(f'{words(effect)}{_in_block(diagnosis, effect)} causes the gap{sure}'
                         f'{smaller}.')
     if verdict == 'MULTIPLE':
-        effects = listing(f'{words(effect)}{_in_block(diagnosis, effect, brief=True)}'
+        others = alternatives(diagnosis)
+        effects = listing(f'{_or(effect, others[effect])}'
+                          f'{_in_block(diagnosis, effect, brief=True)}'
                           for effect in diagnosis['selected'])
         return _capital(f'{effects} together cause the gap{sure}{smaller}.')
     if verdict == 'AMBIGUOUS':
@@ -61,6 +63,33 @@ def confidence(diagnosis):
     if diagnosis['verdict'] == 'AMBIGUOUS':
         return min(1.0, sum(by_effect.get(effect, 0.0) for effect in diagnosis['ambiguity_set']))
     return None
+
+
+def tied(diagnosis):
+    """
+    Return the candidates, ids of single effects or of pairs, between which nothing decides.
+
+    Of two causes, ``ambiguity_set`` holds what may be exchanged for what.
+    """
+    effects = diagnosis['ambiguity_set']
+    if diagnosis['verdict'] != 'MULTIPLE':
+        return effects if len(effects) > 1 else []
+    among = {*effects, *diagnosis['selected']}
+    pairs = [cause['effect'] for cause in diagnosis['causes']
+             if '+' in cause['effect'] and cause['probability'] > 0.0
+             and among.issuperset(cause['effect'].split('+'))]
+    return pairs if len(pairs) > 1 else []
+
+
+def alternatives(diagnosis):
+    """Return for each selected effect of several those that would do in its place."""
+    selected = set(diagnosis['selected'])
+    found = {effect: [] for effect in diagnosis['selected']}
+    for pair in tied(diagnosis):
+        members = set(pair.split('+'))
+        if len(members - selected) == len(selected - members) == 1:
+            found[min(selected - members)].append(min(members - selected))
+    return found
 
 
 def lead_channel(diagnosis):
@@ -129,6 +158,10 @@ def _shrinks(diagnosis):
     return (f'; with {_switched(diagnosis)} on, the {words(channel)} error {change} from '
             f'{before} to {after} rms, {percent(row["S"])}'
             f'{f" {ci}" if ci else ""} of what is removable')
+
+
+def _or(effect, others):
+    return words(effect) + (f' (or {listing(map(words, others), "or")})' if others else '')
 
 
 def _switched(diagnosis):

@@ -3,6 +3,7 @@
 """Which effect: the candidates in order, the ties among them and what ties on principle."""
 
 from piezo_stack_sim.gap.quantities import percent, probability, significant, UNKNOWN, words
+from piezo_stack_sim.gap.wording import tied
 
 SHOWN = 8
 
@@ -30,7 +31,6 @@ def isolability_view(diagnosis):
 
 def _candidate(rank, cause, diagnosis):
     effects = cause['effect'].split('+')
-    tied = diagnosis['ambiguity_set']
     score = UNKNOWN
     if cause['delta_log_score'] is not None:
         score = significant(cause['delta_log_score'])
@@ -43,6 +43,6 @@ def _candidate(rank, cause, diagnosis):
         'width': round(100 * cause['probability'], 1), 'score': score,
         'S': percent(cause.get('S')),
         'on': all(effect in diagnosis['selected'] for effect in effects),
-        'tied': len(tied) > 1 and all(effect in tied for effect in effects),
+        'tied': cause['effect'] in tied(diagnosis),
         'bound': [name for name, row in cause['parameters'].items() if row['at_bound']],
     }
