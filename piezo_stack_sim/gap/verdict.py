@@ -57,9 +57,9 @@ class Thresholds:
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
-    one: tuple[float, float, float] = (2.5, -4.0, -0.5)
+    one: tuple[float, float, float] = (3.0, -4.0, -0.5)
     two: tuple[float, float, float] = (1.5, 0.0, 0.0)  # the same for two
-    nothing: float = 0.9  # how often NO_GAP is right
+    nothing: float = 0.94  # how often NO_GAP is right
     unknown: float = 0.85  # and UNKNOWN
 
 
