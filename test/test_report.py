@@ -105,6 +105,28 @@ def test_every_section_stands_in_the_report(cause):
         assert words in page.words
 
 
+@pytest.fixture
+def exchangeable():
+    """Return a diagnosis of two causes of which the second may be a lag of the sensor."""
+    diagnosis = make_diagnosis('MULTIPLE')
+    for rank, (effect, chance) in enumerate((('creep+amplifier_bandwidth', 0.6),
+                                             ('creep+sensor_lag', 0.34),
+                                             ('creep+added_mass', 0.0))):
+        diagnosis['causes'].insert(rank, {
+            **diagnosis['causes'][0], 'effect': effect, 'probability': chance})
+    diagnosis['ambiguity_set'] = ['amplifier_bandwidth', 'sensor_lag']
+    return diagnosis
+
+
+def test_of_two_causes_what_may_be_exchanged_is_said_in_words(exchangeable):
+    sentence = verdict_sentence(exchangeable)
+    assert 'Creep (electrical) and amplifier bandwidth (drive) or sensor lag (sensor)' in sentence
+    page = Page(render_report(exchangeable))
+    assert 'creep + (amplifier bandwidth or sensor lag)' in page.words
+    lines = [line for line, _ in summary_lines(exchangeable) if 'tie' in line]
+    assert len(lines) == 2 and all('creep +' in line for line in lines)
+
+
 def test_a_tie_is_shown_as_a_tie():
     rows = re.findall(r'<tr class="tied.*?</tr>', render_report(make_diagnosis('AMBIGUOUS')), re.S)
     assert len(rows) == 3

@@ -30,10 +30,8 @@ def verdict_sentence(diagnosis):
         return _capital(f'{words(effect)}{_in_block(diagnosis, effect)} causes the gap{sure}'
                         f'{smaller}.')
     if verdict == 'MULTIPLE':
-        others = alternatives(diagnosis)
-        effects = listing(f'{_or(effect, others[effect])}'
-                          f'{_in_block(diagnosis, effect, brief=True)}'
-                          for effect in diagnosis['selected'])
+        effects = listing(_exchangeable(diagnosis, group)
+                          for group in alternatives(diagnosis))
         return _capital(f'{effects} together cause the gap{sure}{smaller}.')
     if verdict == 'AMBIGUOUS':
         effects = listing(map(words, diagnosis['ambiguity_set']), 'and')
@@ -82,14 +80,14 @@ def tied(diagnosis):
 
 
 def alternatives(diagnosis):
-    """Return for each selected effect of several those that would do in its place."""
+    """Return the selected effects, each in a list with those that would do in its place."""
     selected = set(diagnosis['selected'])
-    found = {effect: [] for effect in diagnosis['selected']}
+    groups = {effect: [effect] for effect in diagnosis['selected']}
     for pair in tied(diagnosis):
         members = set(pair.split('+'))
         if len(members - selected) == len(selected - members) == 1:
-            found[min(selected - members)].append(min(members - selected))
-    return found
+            groups[min(selected - members)].append(min(members - selected))
+    return list(groups.values())
 
 
 def lead_channel(diagnosis):
@@ -160,8 +158,12 @@ def _shrinks(diagnosis):
             f'{f" {ci}" if ci else ""} of what is removable')
 
 
-def _or(effect, others):
-    return words(effect) + (f' (or {listing(map(words, others), "or")})' if others else '')
+def _exchangeable(diagnosis, effects):
+    """Return effects of which any would do, with their block, once if it is the same."""
+    blocks = [_in_block(diagnosis, effect, brief=True) for effect in effects]
+    if len(set(blocks)) == 1:
+        return f'{listing(map(words, effects), "or")}{blocks[0]}'
+    return listing((f'{words(effect)}{block}' for effect, block in zip(effects, blocks)), 'or')
 
 
 def _switched(diagnosis):

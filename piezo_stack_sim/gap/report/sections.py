@@ -23,7 +23,10 @@ Section = namedtuple('Section', 'id short title template view')
 def headline_view(diagnosis):
     """Return the verdict, its sentence and the figures beside it."""
     selected, tied = diagnosis['selected'], diagnosis['ambiguity_set']
-    named = {'AMBIGUOUS': tied}.get(diagnosis['verdict'], selected)
+    named = map(words, {'AMBIGUOUS': tied}.get(diagnosis['verdict'], selected))
+    if diagnosis['verdict'] == 'MULTIPLE':
+        named = (f'({listing(map(words, group), "or")})' if len(group) > 1 else words(group[0])
+                 for group in wording.alternatives(diagnosis))
     what = {'NO_GAP': 'nothing is missing', 'UNKNOWN': 'not in the library',
             'NOT_IDENTIFIABLE': 'cannot be said'}.get(diagnosis['verdict'])
     joint = ' or ' if diagnosis['verdict'] == 'AMBIGUOUS' else ' + '
@@ -34,7 +37,7 @@ def headline_view(diagnosis):
         'badge': wording.VERDICTS[diagnosis['verdict']],
         'sentence': wording.verdict_sentence(diagnosis),
         'reason': wording.as_sentence(diagnosis.get('reason')),
-        'what': what or joint.join(map(words, named)),
+        'what': what or joint.join(named),
         'block': _blocks(diagnosis),
         'sure': probability(wording.confidence(diagnosis)),
         'smaller': _smaller(diagnosis),
@@ -49,7 +52,8 @@ def _blocks(diagnosis):
     if diagnosis['verdict'] == 'MULTIPLE':
         lives = {cause['effect']: cause['block'] for cause in diagnosis['causes']}
         blocks = list(dict.fromkeys(
-            lives[effect] for effect in diagnosis['selected'] if effect in lives)) or blocks
+            lives[effect] for group in wording.alternatives(diagnosis) for effect in group
+            if effect in lives)) or blocks
     return f'{listing(blocks)} block{"s" * (len(blocks) > 1)}' if blocks[0] else ''
 
 
