@@ -23,10 +23,10 @@ Section = namedtuple('Section', 'id short title template view')
 def headline_view(diagnosis):
     """Return the verdict, its sentence and the figures beside it."""
     selected, tied = diagnosis['selected'], diagnosis['ambiguity_set']
-    named = map(words, {'AMBIGUOUS': tied}.get(diagnosis['verdict'], selected))
+    named = [words(each) for each in (tied if diagnosis['verdict'] == 'AMBIGUOUS' else selected)]
     if diagnosis['verdict'] == 'MULTIPLE':
-        named = (f'({listing(map(words, group), "or")})' if len(group) > 1 else words(group[0])
-                 for group in wording.alternatives(diagnosis))
+        named = [f'({listing(map(words, group), "or")})' if len(group) > 1 else words(group[0])
+                 for group in wording.alternatives(diagnosis)]
     what = {'NO_GAP': 'nothing is missing', 'UNKNOWN': 'not in the library',
             'NOT_IDENTIFIABLE': 'cannot be said'}.get(diagnosis['verdict'])
     joint = ' or ' if diagnosis['verdict'] == 'AMBIGUOUS' else ' + '
