@@ -80,7 +80,8 @@ def test_what_is_written_reads_back_to_the_bit(tmp_path_factory, rows):
 
 
 @given(cells=strategies.lists(strategies.one_of(
-    NUMBERS.map(repr), strategies.sampled_from(['', ' ', 'nan', 'NA', '-7', '+.5', '1e5', 'inf']),
+    NUMBERS.map(repr), strategies.sampled_from(
+        ['', ' ', 'nan', 'NA', 'N/A', '-7', '+.5', '1e5', 'inf']),
     strategies.text(max_size=6).filter(lambda x: not {'\n', '\r'} & set(x))), min_size=3))
 @settings(max_examples=200, deadline=None)
 def test_a_cell_is_its_number_or_an_error(tmp_path_factory, cells):
@@ -93,7 +94,8 @@ def test_a_cell_is_its_number_or_an_error(tmp_path_factory, cells):
         return
     assert len(values) == len(cells)
     for cell, value in zip(cells, values):
-        missing = cell.strip(' "').lower() in ('', 'nan', '-nan', '+nan', 'na', 'null', 'none')
+        missing = cell.strip(' "').lower() in (
+            '', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none')
         assert np.isnan(value) if missing else value == float(cell.strip(' "'))
 
 

@@ -273,8 +273,8 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
 
     The first row that is neither empty nor a comment names the columns; a comment
     ``# drive: open`` or ``# drive: shorted`` stands for a command. Cells are separated by commas,
-    semicolons or tabs. Empty cells, NaN, NA and null are read as NaN. A last row without a line
-    end is left out, because nobody can tell whether it was cut within a number.
+    semicolons or tabs. Empty cells, NaN, NA, N/A, null and none are read as NaN. A last row
+    without a line end is left out, because nobody can tell whether it was cut within a number.
 
     Parameters
     ----------
