@@ -76,7 +76,8 @@ class Search:
 
     ``bases`` are single effects as pairs are fitted: by where they explain.  ``merits`` tells of a
     pair what its second effect explains there, on the fitted rows.  ``corrected`` are pairs as
-    they correct the device best, where that is another fit.
+    they correct the device best, where that is another fit.  ``asked`` are the effects beside
+    which a second was looked for.
     """
 
     nominal: Fit
@@ -85,6 +86,7 @@ class Search:
     bases: dict[str, Fit] = field(default_factory=dict)
     merits: dict[str, Merit] = field(default_factory=dict)
     corrected: dict[str, Fit] = field(default_factory=dict)
+    asked: set[str] = field(default_factory=set)
 
     @property
     def best(self) -> Fit:

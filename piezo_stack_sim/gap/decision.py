@@ -146,7 +146,7 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
     loudest = max(singles, key=lambda single: single.removed)
     for base in (best if best.gain > thresholds.detect else loudest,
                  contenders(singles, thresholds)[0]):
-        if base.name not in search.bases and max(base.gain, base.removed) > 0.0:
+        if base.name not in search.asked and max(base.gain, base.removed) > 0.0:
             search_partners(fitter, search, base.name, progress, names)
             exchange(fitter, search, progress, names)
     if search.bases:

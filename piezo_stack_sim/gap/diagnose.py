@@ -114,7 +114,10 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     cut = None
     if terminals is not None:
         cut = terminals.join(fitter, search, thresholds, progress)
-    if cut is None or cut.known and cut.removed < thresholds.behind:
+    # What lies behind the terminals may be what the driver's form misses, and no second cause.
+    told = cut is not None and cut.removed >= thresholds.behind and (
+        search.merits[cut.pair].nats > thresholds.hint)
+    if cut is None or cut.known and not told:
         search_pairs(fitter, search, judge, thresholds, progress, cut)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)

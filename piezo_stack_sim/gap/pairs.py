@@ -57,7 +57,10 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     if pair is not None:
         other = _alone(fitter, cells, base, pair)
         fit = other if _better(cells, other, fit) else fit
-    search.bases[base] = fit
+    if base not in search.bases or _better(cells, fit, search.bases[base]):
+        search.bases[base] = fit
+    fit = search.bases[base]
+    search.asked.add(base)
     weighed = fitter.through(whitened(cells, fit.residual))
     partners, plain = (PARTNERS, PLAIN_PARTNERS) if pair is None else (EXCHANGED, PLAIN_EXCHANGED)
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
@@ -152,7 +155,7 @@ def exchange(fitter: Fitter, search: Search, progress: Callable[[str], None],
     """Keep the second effect of the best pair, and look for another first one beside it."""
     best = max(_hopeful(search), key=lambda name: search.merits[name].product, default='')
     for other in filter(None, best.split('+')):
-        if other not in search.bases:
+        if other not in search.asked:
             search_partners(fitter, search, other, progress, names, search.fits[best])
 
 

@@ -22,6 +22,7 @@ from piezo_stack_sim.gap.forward import spans
 MOST = 12  # places from which an effect is looked at
 STRENGTHS = (0.05, 0.4, 1.5)  # of a typical strength, for an effect with one number
 STRENGTH = 0.3  # for one with several
+PERIODS = (0.4, 1.0, 2.5)  # of the time between two rows, for a lag
 
 
 @dataclass(frozen=True)
@@ -142,8 +143,14 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
         own or all(len(s) == 1 for s in shapes)) else (STRENGTH,)
     places = [Place(dict(shape), {p.name: part * _strength(p) for p in strong})
               for part in (parts if strong else (1.0,)) for shape in itertools.product(*shapes)]
-    if len(strong) == 1 and strong[0].unit == 's':
-        places += [Place({}, {strong[0].name: lag}) for lag in extent.lags]
+    for p in strong:
+        # What is shorter than the time between two rows hardly shows in any, however often: no
+        # line from there leads on.
+        values = extent.lags if p.unit == 's' else ()
+        if len(strong) > 1 and any(other.unit == 's' for other in strong):
+            values = (*values, *(part * _strength(p) for part in STRENGTHS))
+            values += tuple(part * extent.period for part in PERIODS) * (p.unit == 's')
+        places += [Place({}, {p.name: value}) for value in values]
     if len(places) > MOST and not own:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))

@@ -38,6 +38,7 @@ class Thresholds:
     finish_form: float = 0.01  # and this where the two leave hardly anything of what one leaves
     finishes: float = 0.1  # part of what one leaves that is hardly anything
     second_part: float = 0.25  # and the part of what the first leaves there
+    finish_part: float = 0.1  # and this where the two leave hardly anything of what one leaves
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.4  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
@@ -372,7 +373,7 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
     if _are_relatives(pair, kin):
         # What the form of the first misses, a relative fills in: it takes more to believe in two.
         return best.removed < t.alone and pair.part > t.relative_part
-    return pair.part > t.second_part
+    return pair.part > (t.finish_part if finishes else t.second_part)
 
 
 def _counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
