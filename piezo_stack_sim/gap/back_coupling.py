@@ -15,6 +15,9 @@ to 15 of the paper).  So with the gaps of both against the *measured* voltage,
 
 and one that is wrong as its charge is follows it: the gap is before the
 transducer.
+
+The share of charge, in multiples of what would move the end as far, is told by
+many rows even where the noise of one hides it.
 """
 
 from __future__ import annotations
@@ -25,10 +28,12 @@ import math
 
 import numpy as np
 
-KNOWN = 0.35  # noise of the charge against the displacement, from which nothing is told
+PARTS = 20  # of each recording, by which the error of the share of charge is known
 STANDS_OUT = 0.5  # part of the noise that a gap must reach
-FEW = 0.12  # share of charge up to which the stack felt nothing, either way
-FORCED = 0.4  # correlation of charge and displacement that a force makes
+FEW = 0.16  # share up to which, with its error, the stack felt nothing, either way
+FORCED = 0.1, 0.8  # what a force moves, twice the error included: hysteresis gives back more
+LEADS = 0.8  # and from which, less twice the error, the charge is not moved by the end
+STEADY = 1.3  # mean square of the voltage's gap over that of its noise up to which it has none
 FOLLOWS = 0.3  # gap behind the charge, against that before it, that is none
 ASTRAY = 0.4  # gap of the displacement, against that of the charge, that does not follow it
 
@@ -47,6 +52,8 @@ NOT_FELT = Suspect('sensor', 'the displacement is wrong without the charge that 
                    'stack would move')
 _FORCED = Suspect('mechanical', 'displacement and charge are wrong together, as a force on the '
                   'stack makes them')
+_LED = Suspect('electrical', 'the displacement is wrong as the charge is that the measured voltage '
+               'should not have moved')
 
 
 def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
@@ -60,32 +67,49 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
         hold ``electrical``, ``through`` and ``behind`` count.
 
     """
-    powers, rows, driven = np.zeros(6), 0, True
+    powers, rows, driven, driver, parts = np.zeros(5), 0, True, 0.0, []
     for cut in cuts:
         if not {'electrical', 'through', 'behind'} <= set(cut):
             continue
         (charge, quiet), (moved, still) = cut['electrical'], cut['through']
         behind, between = cut['behind']
         driven = driven and 'drive' in cut
+        if driven:
+            wrong, noise = cut['drive']
+            driver = max(driver, float(np.mean(wrong ** 2)) / noise ** 2)
         powers += charge.size * np.array([
             np.mean(charge ** 2) - quiet ** 2, np.mean(moved ** 2) - still ** 2,
-            np.mean(behind ** 2) - between ** 2, np.mean(charge * moved),
-            quiet ** 2, still ** 2])
+            np.mean(behind ** 2) - between ** 2, quiet ** 2, still ** 2])
         rows += charge.size
+        parts += [(np.sum(q * x), np.sum(x ** 2 - still ** 2)) for q, x in zip(
+            np.array_split(charge, PARTS), np.array_split(moved, PARTS))]
     if not rows:
         return None
-    common = powers[3] / rows
     before, through, after, quiet, still = (
-        math.sqrt(max(power, 0.0)) for power in powers[[0, 1, 2, 4, 5]] / rows)
+        math.sqrt(max(power, 0.0)) for power in powers / rows)
     if max(before / quiet, through / still) < STANDS_OUT:
         return None
     if through < ASTRAY * min(before, after):
         return _MISREAD_CHARGE
-    if after < FOLLOWS * before or quiet > KNOWN * through:
+    share, error = _share(np.array(parts))
+    if after < FOLLOWS * before:
         return None
-    if abs(common) < FEW * through ** 2:
+    if abs(share) + error < FEW:
         return NOT_FELT
     # A slow driver whose voltage nobody measured looks like a force.
-    if driven and common > FORCED * before * through and after > FOLLOWS * through:
+    if (driven and FORCED[0] < share - 2.0 * error and share + 2.0 * error < FORCED[1]
+            and after > FOLLOWS * through):
         return _FORCED
-    return None
+    # And a driver that is wrong by less than the noise moves both as they belong together.
+    return _LED if driven and driver < STEADY and share - 2.0 * error > LEADS else None
+
+
+def _share(parts: np.ndarray) -> tuple[float, float]:
+    """Return a ratio of sums, and its error by leaving out one row of (n, 2) at a time."""
+    total = parts.sum(axis=0)
+    without = total - parts
+    if total[1] <= 0.0 or not (without[:, 1] > 0.0).all():
+        return 0.0, math.inf
+    ratios = without[:, 0] / without[:, 1]
+    n = len(parts)
+    return float(total[0] / total[1]), float(math.sqrt((n - 1) * np.var(ratios)))

@@ -144,8 +144,11 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
     # A quiet effect in many rows may come first, with nothing beside it; or two that need each
     # other come to nothing alone.
     loudest = max(singles, key=lambda single: single.removed)
-    for base in (best if best.gain > thresholds.detect else loudest,
-                 contenders(singles, thresholds)[0]):
+    bases = [best if best.gain > thresholds.detect else loudest,
+             contenders(singles, thresholds)[0]]
+    if best.removed < thresholds.alone:
+        bases.append(loudest)
+    for base in bases:
         if base.name not in search.asked and max(base.gain, base.removed) > 0.0:
             search_partners(fitter, search, base.name, progress, names)
             exchange(fitter, search, progress, names)
