@@ -323,6 +323,24 @@ def test_charge_tells_whether_the_stack_felt_what_displaced_it(device, effects, 
     assert (suspect and suspect.block) == block
 
 
+@pytest.mark.parametrize('share, rows, driver, block', [
+    (0.0, 8000, 1.0, 'sensor'),
+    (0.45, 8000, 1.0, 'mechanical'),
+    (1.6, 8000, 1.0, 'electrical'),
+    (1.6, 8000, 2.0, None),  # a wrong driver moves both as they belong together
+    (0.45, 80, 1.0, None),  # too few rows
+])
+def test_many_rows_tell_the_share_of_charge_below_the_noise_of_one(share, rows, driver, block):
+    rng = np.random.default_rng(1)
+    wrong = 2.0 * np.sin(np.arange(rows) * 0.37)
+    charge = share * wrong + 3.0 * rng.standard_normal(rows)
+    moved = wrong + 0.5 * rng.standard_normal(rows)
+    cut = {'drive': (driver * rng.standard_normal(rows), 1.0), 'electrical': (charge, 3.0),
+           'through': (moved, 0.5), 'behind': (moved - charge, np.hypot(3.0, 0.5))}
+    suspect = suspect_block([cut])
+    assert (suspect and suspect.block) == block
+
+
 def knocks(time, x):
     """Return a displacement with the ringing of three knocks."""
     for start in time[-1] * np.array([0.1, 0.4, 0.75]):

@@ -24,14 +24,14 @@ def device():
     return Device.nominal()
 
 
-def fitter_of(device, unit, recorded, random):
+def fitter_of(device, unit, recorded, random, noises=NOISE):
     """Return what fits recordings of a unit with white noise, the device as its file."""
     recordings = []
     for programme in recorded:
         answer = simulate(unit, programme.time, programme.command, programme.external_force)
         recordings.append(programme.replace(measured={
             name: getattr(answer, name) + noise * random.standard_normal(len(programme))
-            for name, noise in NOISE.items()}))
+            for name, noise in noises.items()}))
     fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
     fitter.prepare(parallel)
     return fitter
@@ -111,6 +111,16 @@ def test_a_delay_is_started_where_a_lag_does_far_better(cost, starts):
     places = _from_relatives(search)
     assert [name for name, _, _ in places] == starts
     assert all(place == {'delay': 4e-5} and (there == 1.0).all() for _, place, there in places)
+
+
+def test_a_driver_faster_than_the_rows_is_found_by_its_voltage(device):
+    # The lag of 6 us hardly shows in rows 50 us apart, and twice the resistance makes far more.
+    numbers = {'output_resistance': 17.6, 'time_constant': 6e-6}
+    fitter = fitter_of(device, device.with_effects({'amplifier_bandwidth': numbers}), (
+        programmes.decay(), programmes.steps(), programmes.triangle()), np.random.default_rng(9),
+        {'voltage': 1.4e-3})
+    found = searched(fitter, 'amplifier_bandwidth')
+    assert found['output_resistance'] == pytest.approx(numbers['output_resistance'], rel=0.1)
 
 
 def test_a_current_limit_that_is_rarely_met_is_found_under_noise(device):

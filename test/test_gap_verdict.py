@@ -184,3 +184,28 @@ def test_a_pair_found_late_that_does_better_takes_the_place_of_the_first(stop_an
     # Not one that predicts more rows but leaves much more of the gap.
     poor = tie_pairs(verdict, [*pairs, pair('contact+sensor_lag', 600.0, 0.93)], singles)
     assert poor.selected == ('contact', 'sensor_delay') and not poor.tie
+
+
+def test_a_second_effect_counts_past_the_form_of_the_first():
+    lag, other = Ranked('sensor_lag', 8000.0, 0.985, 1, 0.1), Ranked('creep', 10.0, 0.0, 1)
+    form = Ranked('sensor_lag+sensor_delay', 9000.0, 0.994, 2, 0.05)
+    pair = Ranked('creep+sensor_lag', 9100.0, 0.999, 3, 0.01, second=150.0, part=0.7, over=160.0,
+                  beside=form)
+
+    def said(kin=(), **changes):
+        return decide([lag, other], [replace(pair, **changes)], 0.99, 50.0, [], kin=kin).word
+
+    assert said() == 'MULTIPLE'
+    # Without what mends the form of the lag so little is what that form misses.
+    assert said(beside=None) == 'CAUSE'
+    assert said(part=0.3) == said(second=60.0) == said(left=0.045, removed=0.995) == 'CAUSE'
+    assert said([frozenset(('creep', 'sensor_delay'))]) == 'CAUSE'
+
+
+def test_two_that_leave_hardly_anything_need_not_explain_it_all_where_the_second_acts():
+    best, other = Ranked('added_mass', 5000.0, 0.4, 1, 0.6), Ranked('sensor_gain', 300.0, 0.3, 1)
+    pair = Ranked('added_mass+sensor_gain', 6500.0, 0.98, 2, 0.2, second=600.0, part=0.12,
+                  over=1400.0)
+    assert decide([best, other], [pair], 0.99, 50.0, []).word == 'MULTIPLE'
+    more = replace(pair, removed=0.9)
+    assert decide([best, other], [more], 0.99, 50.0, []).word == 'UNKNOWN'

@@ -52,8 +52,8 @@ NOT_FELT = Suspect('sensor', 'the displacement is wrong without the charge that 
                    'stack would move')
 _FORCED = Suspect('mechanical', 'displacement and charge are wrong together, as a force on the '
                   'stack makes them')
-_LED = Suspect('electrical', 'the displacement is wrong as the charge is that the measured voltage '
-               'should not have moved')
+_LED = Suspect('electrical', 'the displacement is wrong as the charge is, which the measured '
+               'voltage should not have moved')
 
 
 def suspect_block(cuts: Sequence[dict]) -> Suspect | None:

@@ -77,7 +77,8 @@ class Search:
     ``bases`` are single effects as pairs are fitted: by where they explain.  ``merits`` tells of a
     pair what its second effect explains there, on the fitted rows.  ``corrected`` are pairs as
     they correct the device best, where that is another fit.  ``asked`` are the effects beside
-    which a second was looked for.
+    which a second was looked for.  ``mended`` are fits of such with a third that only mends the
+    form of the first, after those of these two.
     """
 
     nominal: Fit
@@ -87,6 +88,7 @@ class Search:
     merits: dict[str, Merit] = field(default_factory=dict)
     corrected: dict[str, Fit] = field(default_factory=dict)
     asked: set[str] = field(default_factory=set)
+    mended: dict[str, tuple[Fit, Fit]] = field(default_factory=dict)
 
     @property
     def best(self) -> Fit:
@@ -157,14 +159,19 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     return search
 
 
+def times_of(names: Collection[str]) -> dict[str, str]:
+    """Return those of some effects that are one time, like a delay, with the parameter's name."""
+    return {name: EFFECTS[name].parameters[0].name for name in names
+            if [p.unit for p in EFFECTS[name].parameters] == ['s']}
+
+
 def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndarray]]:
     """
     Return places for effects of one time from where another such effect fares far better.
 
     A delay and a lag do much the same, but between none and the right one there may be a hill.
     """
-    times = {name: EFFECTS[name].parameters[0].name for name in search.fits
-             if [p.unit for p in EFFECTS[name].parameters] == ['s']}
+    times = times_of(search.fits)
     best = min(times, key=lambda name: search.fits[name].cost, default='')
     return [(name, {times[name]: search.fits[best].effects[best][times[best]]},
              search.fits[best].phi)

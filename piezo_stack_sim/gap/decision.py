@@ -16,7 +16,8 @@ from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import (
-    add_pair, exchange, exchange_alike, explained, pair_of, polish_pairs, search_partners)
+    add_pair, exchange, exchange_alike, explained, mended, pair_of, polish_pairs, search_mended,
+    search_partners)
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.verdict import (
     contenders, Cut, decide, Ranked, second_explains, Thresholds, tie_pairs, Verdict)
@@ -77,16 +78,16 @@ def count(fit: Fit) -> int:
 
 def rank(names, search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
     """Return hypotheses, best first: by score."""
-    nominal = judge.score(search.nominal.residual)
-    base = judge.powers(search.nominal.residual)
-    ranked = []
-    for name in names:
-        fit = search.correction(name)
-        powers = judge.powers(fit.residual)
-        ranked.append(Ranked(
-            name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
-            count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0))
+    ranked = [_ranked(name, search.correction(name), search, judge, removable) for name in names]
     return sorted(ranked, key=lambda r: (-r.gain, r.name))
+
+
+def _ranked(name: str, fit: Fit, search: Search, judge: Judge, removable: Removable) -> Ranked:
+    nominal = search.nominal.residual
+    powers = judge.powers(fit.residual)
+    return Ranked(
+        name, judge.score(fit.residual) - judge.score(nominal), removable.share(fit.residual),
+        count(fit), judge.left(powers, judge.powers(nominal)), float(np.max(powers)) - 1.0)
 
 
 def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable,
@@ -107,6 +108,18 @@ def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removabl
         lost = judge.cells.nats(search.fits[pair.name].residual)
         pairs[i] = replace(pair, second=nats, part=part, over=alone - lost)
     return pairs
+
+
+def rank_mended(fitter: Fitter, search: Search, judge: Judge, removable: Removable
+                ) -> list[Ranked]:
+    """Return pairs as they leave the gap if a third effect mends the form of the first."""
+    pairs = []
+    for name, (first, whole) in search.mended.items():
+        (nats, part), over = mended(fitter, search, judge.cells, name)
+        beside = _ranked(pair_of(*first.effects), first, search, judge, removable)
+        pairs.append(replace(_ranked(name, whole, search, judge, removable),
+                             second=nats, part=part, over=over, beside=beside))
+    return sorted(pairs, key=lambda pair: (-pair.second, pair.name))
 
 
 def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Removable,
@@ -160,6 +173,7 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
         if (not set(name.split('+')) <= set(search.bases)
                 and left < thresholds.finishes * (1.0 - loudest.removed)):
             add_pair(fitter, search, search.fits[name].effects, search.fits[name].phi)
+    search_mended(fitter, search, progress, names)
 
 
 def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
@@ -205,12 +219,17 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
 
     pairs = ranked([cut.pair] if cut else [])
     structure = judge.structure(search.nominal.residual)
-    verdict = decide(singles, pairs, ceiling, structure, alike.groups, thresholds, alike.kin,
-                     cut)
+    hidden = rank_mended(fitter, search, judge, removable)
+    verdict = decide(singles, [*pairs, *hidden], ceiling, structure, alike.groups, thresholds,
+                     alike.kin, cut)
     if verdict.word == 'MULTIPLE':
         name = pair_of(*verdict.selected)
         resembling = alike.resembling.union(cut.resembling if cut else ())
         asked = exchange_alike(fitter, search, name, resembling, progress)
         pairs = ranked([name, *asked])
-        verdict = tie_pairs(verdict, pairs, singles, thresholds)
+        rivals = pairs
+        if any(pair.name == name for pair in hidden):
+            # What only mends the form of the first explains more than a second that it hid.
+            rivals = [pair for pair in pairs if pair.name in (name, *asked)]
+        verdict = tie_pairs(verdict, rivals, singles, thresholds)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

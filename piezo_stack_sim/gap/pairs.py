@@ -19,7 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import is_idle, Merit, Probe, probe_tone, RIVAL, Search
+from piezo_stack_sim.gap.candidates import (
+    is_idle, Merit, Probe, probe_tone, RIVAL, Search, times_of)
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
@@ -29,6 +30,7 @@ from piezo_stack_sim.gap.swings import FALLEN, find_history
 PARTNERS = 5  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows
 EXCHANGED, PLAIN_EXCHANGED = 2, 1  # the same beside the second effect of the best pair
+MENDED = 3  # and beside a first whose form another mends
 SLACK = 0.1  # part by which the promises of places of an effect may differ and count as alike
 FIRST_STEPS = 2  # Gauss-Newton steps of all of them
 LEADING = 2  # pairs that are fitted to the end, by what they lose and by merit
@@ -87,7 +89,7 @@ def search_partners(fitter: Fitter, search: Search, base: str,
         return pair_of(base, name), pair
 
     def acting(pair):
-        return _acting(fitter, cells, base, fit, pair)
+        return _merit(fitter, cells, fit, pair)
 
     def settled(name):
         return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
@@ -283,6 +285,83 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     return list(starts)
 
 
+def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None],
+                  names: Collection[str]) -> None:
+    """
+    Look for a second effect beside a lag or delay whose form another of these mends.
+
+    The time that a sensor or a driver takes is hardly ever a pure lag or a pure delay.  Where two
+    of these explain it better than one, what they leave shows a second effect that the form of
+    one had hidden.
+    """
+    cells = Cells(fitter.evidence, fitted=True)
+    times = times_of(EFFECTS)
+    forms = {name: cells.nats(search.fits[name].residual) for name in _hopeful(search)
+             if set(name.split('+')) <= set(times) and set(name.split('+')) & search.asked}
+    if not forms:
+        return
+    form = min(forms, key=lambda name: forms[name])
+    first = min(form.split('+'), key=lambda name: search.fits[name].cost)
+    progress(f'looking past the form of {words(first)}')
+    fit = _settled(fitter, cells, search.fits[form])
+    weighed = fitter.through(whitened(cells, fit.residual))
+    others = [name for name in names if name not in times and name in search.probes]
+    chosen = _promises(weighed, search, others, fit)[:MENDED]
+    chosen += [place for place in _promises(fitter, search, others, fit)[:PLAIN_PARTNERS]
+               if place[0] not in dict(chosen)]
+
+    def whole(place):
+        name, values = place
+        return name, weighed.fit({**fit.effects, name: values}, fit.phi, FIRST_STEPS, beside=fit)
+
+    def settled(name):
+        triple = _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
+        effects = {each: triple.effects[each] for each in (first, name)}
+        pair = _settled(fitter, cells, fitter.fit(effects, triple.phi, PLAIN_STEPS))
+        return pair_of(first, name), triple, pair
+
+    fitted = {name: triple for name, triple in parallel(whole, chosen)
+              if not is_idle(weighed, triple, name)}
+    without = weighed.cost(fit.residual, fit.phi)
+    best = _leading({name: without - triple.cost for name, triple in fitted.items()}, LEADING)
+    for name, triple, pair in parallel(settled, best):
+        search.mended[name] = fit, triple
+        if _better(cells, pair, search.fits.get(name)):
+            search.fits[name] = pair
+        for base in pair.effects:
+            if base not in search.bases:
+                search.bases[base] = _alone(fitter, cells, base, pair)
+        search.merits[name] = explained(fitter, search, cells, name)
+
+
+def mended(fitter: Fitter, search: Search, cells: Cells, name: str) -> tuple[Merit, float]:
+    """
+    Return what the second effect of a pair explains of what the first leaves, its form mended.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        With which all was fitted.
+    search : Search
+        Where the pair is.
+    cells : Cells
+        The rows to judge by.
+    name : str
+        The pair.
+
+    Returns
+    -------
+    merit : Merit
+        Where the second effect acts.
+    over : float
+        Nats by which all cells together are explained better.
+
+    """
+    first, whole = search.mended[name]
+    return (_merit(fitter, cells, first, whole),
+            cells.nats(first.residual) - cells.nats(whole.residual))
+
+
 def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
     """
     Return how much of what the first effect leaves a second explains, where it acts.
@@ -305,14 +384,14 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
     """
     base = min((base for base in search.bases if base in name.split('+')),
                key=lambda base: cells.nats(search.bases[base].residual))
-    return _acting(fitter, cells, base, search.bases[base], search.fits[name])
+    return _merit(fitter, cells, search.bases[base], search.fits[name])
 
 
-def _acting(fitter: Fitter, cells: Cells, base: str, alone: Fit, pair: Fit) -> Merit:
-    """Return what a pair explains of what ``alone`` leaves where the other effect acts."""
-    without = fitter.residual_of({base: pair.effects[base]}, pair.phi)
-    after = cells.powers(cells.spectrum(pair.residual))
-    acts = cells.powers(cells.spectrum(without - pair.residual))
+def _merit(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit) -> Merit:
+    """Return what one more effect explains of what ``alone`` leaves where that effect acts."""
+    without = fitter.residual_of({name: whole.effects[name] for name in alone.effects}, whole.phi)
+    after = cells.powers(cells.spectrum(whole.residual))
+    acts = cells.powers(cells.spectrum(without - whole.residual))
     there = (acts > ACTS * after) & (acts > 1.0)
     before = np.log(cells.powers(cells.spectrum(alone.residual))[there])
     nats = 0.5 * float(np.sum(before - np.log(after[there])))

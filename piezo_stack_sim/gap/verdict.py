@@ -39,6 +39,7 @@ class Thresholds:
     finishes: float = 0.1  # part of what one leaves that is hardly anything
     second_part: float = 0.25  # and the part of what the first leaves there
     finish_part: float = 0.1  # and this where the two leave hardly anything of what one leaves
+    mended_part: float = 0.5  # and this beside a first whose form another mends
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.4  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
@@ -80,6 +81,7 @@ class Ranked:
     second: float = 0.0  # of a pair: nats that the second effect explains where it acts
     part: float = 0.0  # and the part of what the first leaves there
     over: float = math.inf  # nats by which it is better than any single effect
+    beside: Ranked | None = None  # the first with another that mends its form, if it has one
 
     def odds(self, learned: tuple[float, float, float]) -> float:
         """Return the learned probability that this is the whole cause, all rivals apart."""
@@ -365,6 +367,12 @@ def _percent(part: float) -> str:
 def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
                     kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect explains enough where it acts."""
+    if pair.beside is not None:
+        mended = set(pair.beside.name.split('+'))
+        relative = any(frozenset((first, second)) in kin for first in mended
+                       for second in set(pair.name.split('+')) - mended)
+        return (not relative and pair.part > t.mended_part and pair.over > 0.5 * t.second
+                and pair.second > max(t.second, t.finish_form * best.gain))
     # What the form of the first misses is a part of what it explains, but leaves little.
     finishes = best.removed < t.alone and 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
     form = t.finish_form if finishes else t.second_form
@@ -379,9 +387,10 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
 def _counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
     # Else it fills in some cells what the form of the first misses, and no more.
+    first = pair.beside or best
     return second_explains(best, pair, t, kin) and (
-        pair.left <= t.still * best.left
-        or 1.0 - pair.removed <= t.stays * (1.0 - best.removed))
+        pair.left <= t.still * first.left
+        or 1.0 - pair.removed <= t.stays * (1.0 - first.removed))
 
 
 def _are_relatives(pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
@@ -396,7 +405,7 @@ def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresho
     That one only fills in what the form of the first misses: so does this, unless together with
     the first it leaves far less, all in all.
     """
-    return best.name in pair.name.split('+') and any(
+    return pair.beside is None and best.name in pair.name.split('+') and any(
         best.name in other.name.split('+') and _are_relatives(other, kin)
         and other.second > pair.second and not _counts(best, other, t, kin)
         and pair.left > t.shade * other.left
