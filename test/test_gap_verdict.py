@@ -196,6 +196,8 @@ def test_a_second_effect_counts_past_the_form_of_the_first():
         return decide([lag, other], [replace(pair, **changes)], 0.99, 50.0, [], kin=kin).word
 
     assert said() == 'MULTIPLE'
+    assert ('leaves together with sensor delay, which only mends its form, creep explains 70 %'
+            in decide([lag, other], [pair], 0.99, 50.0, []).reason)
     # Without what mends the form of the lag so little is what that form misses.
     assert said(beside=None) == 'CAUSE'
     assert said(part=0.3) == said(second=60.0) == said(left=0.045, removed=0.995) == 'CAUSE'

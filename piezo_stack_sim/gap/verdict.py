@@ -310,6 +310,13 @@ def _why_behind(cut: Cut) -> str:
 
 def _why_two(best: Ranked, pair: Ranked) -> str:
     """Return why two effects are believed in."""
+    if pair.beside is not None:
+        mended = pair.beside.name.split('+')
+        first, second = sorted(pair.name.split('+'), key=lambda name: name not in mended)
+        mends, = set(mended) - {first}
+        return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap; of '
+                f'what {words(first)} leaves together with {words(mends)}, which only mends its '
+                f'form, {words(second)} explains {_percent(pair.part)} where it acts')
     first, second = sorted(pair.name.split('+'), key=lambda name: name != best.name)
     if first != best.name:
         return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap, '
