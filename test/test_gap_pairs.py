@@ -96,25 +96,28 @@ def test_what_the_form_of_a_lone_cause_misses_is_no_second_cause(device):
     assert answer['selected'] == ['sensor_delay']
 
 
-@pytest.mark.parametrize('second, asked', [
-    # Nothing was found beside the lag, which leaves most: the saturation is asked, too.
-    (Ranked('amplifier_saturation', 300.0, 0.95, 1, 0.4, 9.0), ['sensor_lag',
-                                                                'amplifier_saturation']),
-    (Ranked('amplifier_saturation', 300.0, 0.60, 1, 0.4, 9.0), ['sensor_lag'])])
+@pytest.mark.parametrize('removed, asked', [
+    # Beside the lag, which leaves most, nothing may be found: the saturation is asked, too.
+    (0.05, ['sensor_lag', 'amplifier_saturation']),
+    (0.60, ['sensor_lag', 'amplifier_saturation']),
+    (0.90, ['sensor_lag'])])
 def test_beside_a_quiet_effect_in_many_rows_the_loud_one_is_asked_for_its_partners_too(
-        monkeypatch, evidence, second, asked):
-    quiet = Ranked('sensor_lag', 2000.0, 0.05, 1, 0.7, 9.0)
-    search = SimpleNamespace(bases={}, fits={}, nominal=SimpleNamespace(residual=np.ones(9)))
+        monkeypatch, evidence, removed, asked):
+    quiet = Ranked('sensor_lag', 2000.0, removed, 1, 0.7, 9.0)
+    second = Ranked('amplifier_saturation', 300.0, 0.95, 1, 0.4, 9.0)
+    search = SimpleNamespace(bases={}, asked=set(), fits={},
+                             nominal=SimpleNamespace(residual=np.ones(9)))
     bases = []
 
     def partners(fitter, search, base, *rest):
         bases.append(base)
-        search.bases[base] = None
+        search.asked.add(base)
 
     monkeypatch.setattr(decision, '_singles', lambda *given: [quiet, second])
     monkeypatch.setattr(decision, 'Removable', lambda *given: None)
     monkeypatch.setattr(decision, 'search_partners', partners)
     monkeypatch.setattr(decision, 'exchange', lambda *given: None)
     monkeypatch.setattr(decision, 'polish_pairs', lambda *given: None)
+    monkeypatch.setattr(decision, 'search_mended', lambda *given: None)
     decision.search_pairs(None, search, SimpleNamespace(evidence=evidence), DEFAULTS, None)
     assert bases == asked
