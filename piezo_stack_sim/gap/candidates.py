@@ -77,8 +77,8 @@ class Search:
     ``bases`` are single effects as pairs are fitted: by where they explain.  ``merits`` tells of a
     pair what its second effect explains there, on the fitted rows.  ``corrected`` are pairs as
     they correct the device best, where that is another fit.  ``asked`` are the effects beside
-    which a second was looked for.  ``mended`` are fits of such with a third that only mends the
-    form of the first, after those of these two.
+    which a second was looked for.  ``mended`` holds, of a pair, the fit of its first effect with a
+    third that only mends its form, and the fit of all three.
     """
 
     nominal: Fit
