@@ -326,7 +326,7 @@ def test_charge_tells_whether_the_stack_felt_what_displaced_it(device, effects, 
 @pytest.mark.parametrize('share, rows, driver, block', [
     (0.0, 8000, 1.0, 'sensor'),
     (0.45, 8000, 1.0, 'mechanical'),
-    (1.6, 8000, 1.0, 'electrical'),
+    (1.6, 8000, 1.0, 'electrical'),  # more charge than the end can have moved
     (1.6, 8000, 2.0, None),  # a wrong driver moves both as they belong together
     (0.45, 80, 1.0, None),  # too few rows
 ])

@@ -16,8 +16,8 @@ from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import (
-    add_pair, exchange, exchange_alike, explained, mended, pair_of, polish_pairs, search_mended,
-    search_partners)
+    add_pair, exchange, exchange_alike, explained, merit_of, pair_of, polish_pairs,
+    search_mended, search_partners)
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.verdict import (
     contenders, Cut, decide, Ranked, second_explains, Thresholds, tie_pairs, Verdict)
@@ -78,16 +78,23 @@ def count(fit: Fit) -> int:
 
 def rank(names, search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
     """Return hypotheses, best first: by score."""
-    ranked = [_ranked(name, search.correction(name), search, judge, removable) for name in names]
-    return sorted(ranked, key=lambda r: (-r.gain, r.name))
+    ranked = _ranker(search, judge, removable)
+    return sorted((ranked(name, search.correction(name)) for name in names),
+                  key=lambda r: (-r.gain, r.name))
 
 
-def _ranked(name: str, fit: Fit, search: Search, judge: Judge, removable: Removable) -> Ranked:
-    nominal = search.nominal.residual
-    powers = judge.powers(fit.residual)
-    return Ranked(
-        name, judge.score(fit.residual) - judge.score(nominal), removable.share(fit.residual),
-        count(fit), judge.left(powers, judge.powers(nominal)), float(np.max(powers)) - 1.0)
+def _ranker(search: Search, judge: Judge, removable: Removable) -> Callable[[str, Fit], Ranked]:
+    """Return what turns the name and fit of a hypothesis into its scores."""
+    nominal = judge.score(search.nominal.residual)
+    base = judge.powers(search.nominal.residual)
+
+    def ranked(name: str, fit: Fit) -> Ranked:
+        powers = judge.powers(fit.residual)
+        return Ranked(
+            name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
+            count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0)
+
+    return ranked
 
 
 def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable,
@@ -113,12 +120,13 @@ def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removabl
 def rank_mended(fitter: Fitter, search: Search, judge: Judge, removable: Removable
                 ) -> list[Ranked]:
     """Return pairs as they leave the gap if a third effect mends the form of the first."""
-    pairs = []
+    ranked, pairs = _ranker(search, judge, removable), []
     for name, (first, whole) in search.mended.items():
-        (nats, part), over = mended(fitter, search, judge.cells, name)
-        beside = _ranked(pair_of(*first.effects), first, search, judge, removable)
-        pairs.append(replace(_ranked(name, whole, search, judge, removable),
-                             second=nats, part=part, over=over, beside=beside))
+        nats, part = merit_of(fitter, judge.cells, first, whole)
+        over = judge.cells.nats(first.residual) - judge.cells.nats(whole.residual)
+        beside = ranked(pair_of(*first.effects), first)
+        pairs.append(replace(ranked(name, whole), second=nats, part=part, over=over,
+                             beside=beside))
     return sorted(pairs, key=lambda pair: (-pair.second, pair.name))
 
 

@@ -67,9 +67,8 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     partners, plain = (PARTNERS, PLAIN_PARTNERS) if pair is None else (EXCHANGED, PLAIN_EXCHANGED)
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
     others = [name for name in names if name != base]
-    chosen = _promises(weighed, search, others, fit)[:partners]
     by_rows = _promises(fitter, search, others, fit)
-    chosen += [place for place in by_rows[:plain] if place[0] not in dict(chosen)]
+    chosen = {**dict(by_rows[:plain]), **dict(_promises(weighed, search, others, fit)[:partners])}
     places = dict(by_rows)
     without = weighed.cost(fit.residual, fit.phi)
     aside = replace(fit, view=None)  # through the lens of the weighed
@@ -89,12 +88,12 @@ def search_partners(fitter: Fitter, search: Search, base: str,
         return pair_of(base, name), pair
 
     def acting(pair):
-        return _merit(fitter, cells, fit, pair)
+        return merit_of(fitter, cells, fit, pair)
 
     def settled(name):
         return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
 
-    fitted = {name: fit for name, fit in parallel(whole, chosen)
+    fitted = {name: fit for name, fit in parallel(whole, chosen.items())
               if not any(is_idle(weighed, fit, other) for other in fit.effects if other != base)}
     merits = dict(zip(fitted, parallel(acting, fitted.values())))
     best = _leading({name: without - pair.cost for name, pair in fitted.items()}, LEADING)
@@ -306,9 +305,8 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
     fit = _settled(fitter, cells, search.fits[form])
     weighed = fitter.through(whitened(cells, fit.residual))
     others = [name for name in names if name not in times and name in search.probes]
-    chosen = _promises(weighed, search, others, fit)[:MENDED]
-    chosen += [place for place in _promises(fitter, search, others, fit)[:PLAIN_PARTNERS]
-               if place[0] not in dict(chosen)]
+    chosen = {**dict(_promises(fitter, search, others, fit)[:PLAIN_PARTNERS]),
+              **dict(_promises(weighed, search, others, fit)[:MENDED])}
 
     def whole(place):
         name, values = place
@@ -320,7 +318,7 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
         pair = _settled(fitter, cells, fitter.fit(effects, triple.phi, PLAIN_STEPS))
         return pair_of(first, name), triple, pair
 
-    fitted = {name: triple for name, triple in parallel(whole, chosen)
+    fitted = {name: triple for name, triple in parallel(whole, chosen.items())
               if not is_idle(weighed, triple, name)}
     without = weighed.cost(fit.residual, fit.phi)
     best = _leading({name: without - triple.cost for name, triple in fitted.items()}, LEADING)
@@ -332,34 +330,6 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
             if base not in search.bases:
                 search.bases[base] = _alone(fitter, cells, base, pair)
         search.merits[name] = explained(fitter, search, cells, name)
-
-
-def mended(fitter: Fitter, search: Search, cells: Cells, name: str) -> tuple[Merit, float]:
-    """
-    Return what the second effect of a pair explains of what the first leaves, its form mended.
-
-    Parameters
-    ----------
-    fitter : Fitter
-        With which all was fitted.
-    search : Search
-        Where the pair is.
-    cells : Cells
-        The rows to judge by.
-    name : str
-        The pair.
-
-    Returns
-    -------
-    merit : Merit
-        Where the second effect acts.
-    over : float
-        Nats by which all cells together are explained better.
-
-    """
-    first, whole = search.mended[name]
-    return (_merit(fitter, cells, first, whole),
-            cells.nats(first.residual) - cells.nats(whole.residual))
 
 
 def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
@@ -384,10 +354,10 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
     """
     base = min((base for base in search.bases if base in name.split('+')),
                key=lambda base: cells.nats(search.bases[base].residual))
-    return _merit(fitter, cells, search.bases[base], search.fits[name])
+    return merit_of(fitter, cells, search.bases[base], search.fits[name])
 
 
-def _merit(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit) -> Merit:
+def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit) -> Merit:
     """Return what one more effect explains of what ``alone`` leaves where that effect acts."""
     without = fitter.residual_of({name: whole.effects[name] for name in alone.effects}, whole.phi)
     after = cells.powers(cells.spectrum(whole.residual))

@@ -143,14 +143,14 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
         own or all(len(s) == 1 for s in shapes)) else (STRENGTH,)
     places = [Place(dict(shape), {p.name: part * _strength(p) for p in strong})
               for part in (parts if strong else (1.0,)) for shape in itertools.product(*shapes)]
-    for p in strong:
-        # What is shorter than the time between two rows hardly shows in any, however often: no
-        # line from there leads on.
-        values = extent.lags if p.unit == 's' else ()
-        if len(strong) > 1 and any(other.unit == 's' for other in strong):
-            values = (*values, *(part * _strength(p) for part in STRENGTHS))
-            values += tuple(part * extent.period for part in PERIODS) * (p.unit == 's')
-        places += [Place({}, {p.name: value}) for value in values]
+    times = [p for p in strong if p.unit == 's']
+    alone = [(p.name, lag) for p in times for lag in extent.lags]
+    if times and len(strong) > 1:
+        # A lag shorter than the time between two rows changes hardly any of them, so that no
+        # line from none leads to it: each strength is tried by itself, at several sizes.
+        alone += [(p.name, part * _strength(p)) for p in strong for part in STRENGTHS]
+        alone += [(p.name, part * extent.period) for p in times for part in PERIODS]
+    places += [Place({}, {name: value}) for name, value in alone]
     if len(places) > MOST and not own:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
