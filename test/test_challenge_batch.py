@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A batch is reproducible, readable as any recording set, and committed to its labels."""
 
+from dataclasses import replace
 import gzip
 import json
 import shutil
@@ -106,6 +107,19 @@ def test_an_effect_is_as_large_as_its_label_says(short, tmp_path):
     assert np.isclose(np.mean(difference.astype(float) ** 2),
                       label['gap']['displacement']['steps'], rtol=0.1)
     assert label['effects'][0]['over_noise_calibrated']['displacement'] >= case.VISIBLE['one']
+
+
+def test_a_current_limit_that_is_never_met_is_drawn_again(short, tmp_path, monkeypatch):
+    """All that shows of it is the resistance behind it, which is another effect."""
+    limits = iter([100.0, 0.006])
+    hidden = case.EFFECTS['amplifier_current_limit']
+    monkeypatch.setitem(case.EFFECTS, hidden.key, replace(hidden, ranges=hidden.ranges | {
+        'limit': lambda random, context: next(limits),
+        'resistance': lambda random, context: 25.0}))
+    out = batch(tmp_path, hidden=[('one', (hidden.key,))])
+    label = labels.reveal(out)['sets']['set_000']
+    assert label['attempts'] == 2
+    assert label['effects'][0]['parameters']['limit'] == 0.006
 
 
 def test_another_batch_in_the_same_folder_is_refused(tmp_path):

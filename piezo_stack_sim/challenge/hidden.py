@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a hidden effect is: a block, a functional form, random magnitudes, and a changed device."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +30,9 @@ class Hidden:
         Recordings and measured channels without which it cannot be seen.
     lookalikes : tuple of str
         Library effects that explain it as well, for effects that the library does not have.
+    without : dict
+        Parameters with which only what goes along with it is left, and nothing of what it is named
+        for: the resistance of a driver whose current has no limit.
 
     """
 
@@ -42,6 +45,7 @@ class Hidden:
     recordings: tuple = ()
     needs: tuple = ()
     lookalikes: tuple = ()
+    without: dict = field(default_factory=dict)
 
     def draw(self, random, context):
         """Return random parameters, as plain numbers."""
@@ -56,12 +60,13 @@ class Context:
     stroke: float
 
 
-def register(table, block, form, channels, *, recordings=(), needs=(), lookalikes=(), **ranges):
+def register(table, block, form, channels, *, recordings=(), needs=(), lookalikes=(), without=None,
+             **ranges):
     """Return a decorator that enters a function of a device as hidden effect of its name."""
     def enter(function):
         name = function.__name__
         table[name] = Hidden(name, block, form, tuple(channels.split()), function, ranges,
-                             tuple(recordings), tuple(needs), tuple(lookalikes))
+                             tuple(recordings), tuple(needs), tuple(lookalikes), without or {})
         return function
     return enter
 

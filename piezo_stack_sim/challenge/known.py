@@ -40,8 +40,8 @@ def amplifier_bandwidth(unit, time_constant, inner, quiescent):
 
 
 @register(KNOWN, 'drive', 'output impedance that diverges softly towards the limit (atanh), '
-          'sinks less than it sources', ALL, limit=log(6e-3, 0.15), sinks=uniform(0.6, 0.95),
-          resistance=log(8.0, 25.0))
+          'sinks less than it sources', ALL, without={'limit': np.inf}, limit=log(6e-3, 0.15),
+          sinks=uniform(0.6, 0.95), resistance=log(8.0, 25.0))
 def amplifier_current_limit(unit, limit, sinks, resistance):
     # So much that it shows how softly the limit is met: emitter resistors of a class AB stage.
     return unit.change(stack={'current_limit': limit, 'sink_share': sinks,

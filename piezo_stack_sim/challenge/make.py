@@ -134,7 +134,11 @@ def make_set(out, index, seed, kind, ids):
             case.hide(setting.clean, [(key, values)]), recordings) for key, values in hidden}
         seen = {key: case.visibility(setting, case.difference(setting, alone[key], clean), moved)
                 for key in ids}
-        if all(max(levels.values()) >= case.VISIBLE[kind] for levels in seen.values()):
+        named = seen | {key: case.visibility(setting, case.difference(
+            setting, alone[key], case.responses(case.hide(setting.clean, [
+                (key, values | case.EFFECTS[key].without)]), recordings)), moved)
+            for key, values in hidden if case.EFFECTS[key].without}
+        if all(max(levels.values()) >= case.VISIBLE[kind] for levels in named.values()):
             break
     measured = [with_noise(setting, programme, channels, random)
                 for programme, channels in zip(recordings, true)]
