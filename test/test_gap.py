@@ -8,12 +8,12 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.back_coupling import suspect_block
 from piezo_stack_sim.gap.bursts import suspect_knocks
+from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_play
 from piezo_stack_sim.gap.evidence import prepare, quieter, reweigh
 from piezo_stack_sim.gap.fit import free_parameters
 from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
-from piezo_stack_sim.gap.play import suspect_play
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
@@ -323,9 +323,19 @@ def test_charge_tells_whether_the_stack_felt_what_displaced_it(device, effects, 
     assert (suspect and suspect.block) == block
 
 
+def test_another_ratio_moves_charge_and_displacement_in_opposite_ways(device):
+    recording, *_ = a_set(device.with_effects({'transducer_ratio': {'ratio_error': 0.05}})
+                          ).recordings
+    assert not recording.external_force.any()
+    simulated = simulate_set(device, [recording])
+    suspect = suspect_block(block_residuals(device, prepare([recording], simulated), simulated))
+    assert suspect.block == 'transducer'
+
+
 @pytest.mark.parametrize('share, rows, driver, block', [
     (0.0, 8000, 1.0, 'sensor'),
     (0.45, 8000, 1.0, 'mechanical'),
+    (-0.2, 8000, 1.0, 'transducer'),
     (1.6, 8000, 1.0, 'electrical'),  # more charge than the end can have moved
     (1.6, 8000, 2.0, None),  # a wrong driver moves both as they belong together
     (0.45, 80, 1.0, None),  # too few rows
@@ -390,16 +400,24 @@ def comes_late(x):
     return np.concatenate([[x[0]] * 2, x[:-2]])
 
 
-@pytest.mark.parametrize('spoil, block', [
-    (has_play, 'mechanical'), (comes_late, None), (lambda x: 1.01 * x, None), (lambda x: x, None)])
-def test_play_is_told_from_what_a_sensor_does(device, spoil, block):
+def skewed(x):
+    """Return a displacement that is read by a clock that runs 0.3 % slow."""
+    row = np.arange(x.size)
+    return np.interp(0.997 * row, row, x)
+
+
+@pytest.mark.parametrize('spoil, play, clock', [
+    (has_play, 'mechanical', None), (comes_late, None, None), (skewed, None, 'sensor'),
+    (lambda x: 1.01 * x, None, None), (lambda x: x, None, None)])
+def test_play_and_clocks_are_told_from_what_a_sensor_does(device, spoil, play, clock):
     recordings = [each.replace(measured={
         **each.measured, 'displacement': spoil(each.measured['displacement'])})
         for each in a_set(device).recordings]
     simulated = simulate_set(device, recordings)
     evidence = prepare(recordings, simulated)
-    suspect = suspect_play(evidence, simulated, block_residuals(device, evidence, simulated))
-    assert (suspect and suspect.block) == block
+    course = Course.of(evidence, simulated, block_residuals(device, evidence, simulated))
+    suspects = suspect_play(course), suspect_clock(course)
+    assert [suspect and suspect.block for suspect in suspects] == [play, clock]
 
 
 def test_without_the_voltage_a_slow_driver_is_not_taken_for_a_force(device):

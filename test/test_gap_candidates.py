@@ -9,7 +9,7 @@ What is lost is tried in the library's own form: it asks of the search alone.
 import numpy as np
 from piezo_stack_sim.gap.candidates import _from_relatives, is_idle, Search, search_singles, tune
 from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import Fit, Fitter
+from piezo_stack_sim.gap.fit import _inverse, Fit, Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_set
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.plant import Device, simulate
@@ -66,6 +66,16 @@ def test_a_limit_that_the_current_never_meets_is_no_cause(device, effects, idle)
                for limit in (0.05, 0.2)), key=lambda fit: fit.cost)
     assert fit.cost < 1.05 * fitter.rows.size  # it explains everything either way
     assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
+
+
+@pytest.mark.parametrize('gap, idle', [(5e-6, False), (1e-8, True)])
+def test_a_stop_without_a_gap_is_a_spring(device, gap, idle):
+    unit = device.with_effects({'contact': {'gap': gap, 'stiffness': 5e6}})
+    fitter = fitter_of(device, unit, (programmes.triangle(peaks=(30.0, 90.0), cycles=1),),
+                       np.random.default_rng(3))
+    fit = fitter.fit({'contact': {'gap': max(gap, 1e-7), 'stiffness': 5e6}}, steps=12)
+    assert fit.cost < 1.05 * fitter.rows.size  # it explains everything either way
+    assert is_idle(fitter, fit, 'contact') == idle
 
 
 @pytest.mark.parametrize('effect, values', [
@@ -143,3 +153,12 @@ def test_a_stop_met_at_the_end_of_the_way_is_found(device):
     found = searched(fitter, 'contact')
     assert found['gap'] == pytest.approx(stop['gap'], rel=0.01)
     assert found['stiffness'] == pytest.approx(stop['stiffness'], rel=0.1)
+
+
+def test_derivatives_that_are_alike_do_not_end_the_search():
+    """They differ by many orders of size besides: nothing of the smaller ones may be lost."""
+    column = np.array([[3.0, 3.0, 1e-9, 0.0], [3.0, 3.0, 2e-9, 1.0]])
+    square = 1e12 * column.T @ column
+    inverse = _inverse(square + np.diag([0.0, 0.0, 0.0, 1.0]))
+    told = column @ inverse @ column.T * 1e12
+    assert told == pytest.approx(np.eye(2), abs=1e-3)

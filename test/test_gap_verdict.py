@@ -211,3 +211,29 @@ def test_two_that_leave_hardly_anything_need_not_explain_it_all_where_the_second
     assert decide([best, other], [pair], 0.99, 50.0, []).word == 'MULTIPLE'
     more = replace(pair, removed=0.9)
     assert decide([best, other], [more], 0.99, 50.0, []).word == 'UNKNOWN'
+
+
+@pytest.mark.parametrize('clear, part, over, word', [
+    (200.0, 0.6, 250.0, 'MULTIPLE'),  # though the first's form leaves as much as before
+    (30.0, 0.6, 250.0, 'CAUSE'),
+    (200.0, 0.2, 250.0, 'CAUSE'),
+    (200.0, 0.6, 0.0, 'CAUSE')])
+def test_a_second_effect_counts_that_shows_where_the_first_hardly_acts(clear, part, over, word):
+    singles = [Ranked('command_delay', 6000.0, 0.96, 1, 0.1), Ranked('friction', 0.0, 0.0, 1)]
+    pair = Ranked('command_delay+thermal_drift', 6050.0, 0.965, 3, 0.09, second=250.0, part=0.5,
+                  over=over, clear=clear, clear_part=part)
+    assert decide(singles, [pair], 0.99, 20.0, []).word == word
+    relatives = {frozenset(('command_delay', 'thermal_drift'))}
+    assert decide(singles, [pair], 0.99, 20.0, [], kin=relatives).word == 'CAUSE'
+
+
+def test_what_the_form_of_a_cause_is_known_to_leave_out_is_no_second_cause():
+    # A payload on a joint comes late, and the late may be due to a payload; not so a leak.
+    def decided(first, second):
+        singles = [Ranked(first, 900.0, 0.9, 1, 0.1), Ranked(second, 100.0, 0.1, 1, 0.9)]
+        pair = Ranked(f'{first}+{second}', 1200.0, 0.99, 2, 0.01, second=300.0, part=0.5)
+        return decide(singles, [pair], 0.99, 20.0, []).word
+
+    assert decided('added_mass', 'command_delay') == 'CAUSE'
+    assert decided('command_delay', 'added_mass') == 'MULTIPLE'
+    assert decided('added_mass', 'leakage') == 'MULTIPLE'

@@ -56,6 +56,9 @@ class Effect:
     parameter that is new in every recording, since nothing synchronises it.
     ``swings`` tells an optimiser that its parameters are swings that were made
     before, the first the largest: no derivative with respect to them leads far.
+    ``becomes`` names the effect that it is where its strength is at its other end:
+    a stop without a gap is a spring.  ``form_like`` names effects that resemble what its
+    form leaves out.
     """
 
     id: str  # noqa: A003
@@ -67,6 +70,8 @@ class Effect:
     shown_in: str = ''
     each_time: str = ''
     swings: bool = False
+    becomes: str = ''
+    form_like: tuple[str, ...] = ()
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:
         """Return every parameter: the given ones, defaults for the rest."""

@@ -8,7 +8,8 @@ A one-sided stop.
 The stroke above the gap is cut, and the stack rings differently there; what it
 still delivers goes into force and charge.
 
-Look-alikes: ``amplifier_saturation`` (there the voltage is flat).
+Look-alikes: ``amplifier_saturation`` (there the voltage is flat), ``parallel_stiffness``
+(a stop that is met at once is a spring).
 Source: penalty contact; its stiffness, 10 to 100 N/um, is an engineering estimate.
 """
 
@@ -32,4 +33,4 @@ EFFECT = Effect(
         Parameter('stiffness', 'N/m', 5e7, 1e5, 1e9, 5e7, 'stiffness of the stop', scale='log',
                   magnitude=False, default=5e7, runtime=False, tries=(5e7, 1e6)),
     ),
-    apply, channels=('charge', 'displacement'))
+    apply, channels=('charge', 'displacement'), becomes='parallel_stiffness')

@@ -54,4 +54,5 @@ EFFECT = Effect(
                   'time after which the nominal curve holds', scale='log', magnitude=False,
                   default=0.1, tries=(0.1,)),
     ),
-    apply, channels=('charge', 'displacement'), shown_in='hold')
+    apply, channels=('charge', 'displacement'), shown_in='hold',
+    form_like=('rate_dependent_hysteresis',))

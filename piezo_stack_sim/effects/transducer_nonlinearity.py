@@ -38,4 +38,6 @@ EFFECT = Effect(
                   'charge up to which x over q is right on the whole, part of the full charge',
                   magnitude=False),
     ),
-    apply, channels=('displacement',))
+    # What bows the displacement pushes back on the voltage, too.
+    apply, channels=('displacement',),
+    form_like=('asymmetric_hysteresis', 'stiffness_hardening'))

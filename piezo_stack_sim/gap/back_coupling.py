@@ -10,6 +10,8 @@ to 15 of the paper).  So with the gaps of both against the *measured* voltage,
 - a displacement that is wrong without its share of charge was moved by nothing
   that the stack feels: by the sensor,
 - one that is wrong with part of it was moved by a force,
+- one that is wrong the other way was moved by another ratio between voltage and force: a larger
+  one takes more charge for less displacement,
 - charge that is wrong without displacement was measured wrong (or leaked past the
   ceramic, but that the library has),
 
@@ -32,6 +34,7 @@ PARTS = 20  # of each recording, by which the error of the share of charge is kn
 STANDS_OUT = 0.5  # part of the noise that a gap must reach
 FEW = 0.16  # share up to which, with its error, the stack felt nothing, either way
 FORCED = 0.1, 0.8  # what a force moves, twice the error included: hysteresis gives back more
+RATIO = -0.45, -0.09  # what another ratio moves, the error included: -0.3 to -0.15 in a stack
 LEADS = 0.8  # and from which, less twice the error, the charge is not moved by the end
 STEADY = 1.3  # mean square of the voltage's gap over that of its noise up to which it has none
 FOLLOWS = 0.3  # gap behind the charge, against that before it, that is none
@@ -52,6 +55,8 @@ NOT_FELT = Suspect('sensor', 'the displacement is wrong without the charge that 
                    'stack would move')
 _FORCED = Suspect('mechanical', 'displacement and charge are wrong together, as a force on the '
                   'stack makes them')
+OTHER_RATIO = Suspect('transducer', 'displacement and charge are wrong in opposite ways, as '
+                      'another ratio between voltage and force makes them')
 _LED = Suspect('electrical', 'the displacement is wrong as the charge is, which the measured '
                'voltage should not have moved')
 
@@ -94,6 +99,8 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
     share, error = _share(np.array(parts))
     if after < FOLLOWS * before:
         return None
+    if driven and RATIO[0] < share < RATIO[1] - error:
+        return OTHER_RATIO
     if abs(share) + error < FEW:
         return NOT_FELT
     # A slow driver whose voltage nobody measured looks like a force.

@@ -57,11 +57,14 @@ class Merit(NamedTuple):
     """
     What the second effect of a pair explains in the cells in which it acts.
 
-    In nats, and as a part of what the first alone leaves there.
+    In nats, and as a part of what the first alone leaves there; ``clear`` of them where the first
+    does less than the second, so that its form can hardly mislead, and the part there.
     """
 
     nats: float
     part: float
+    clear: float = 0.0
+    clear_part: float = 0.0
 
     @property
     def product(self) -> float:
@@ -197,20 +200,27 @@ def _promising(probes: list[Probe], least: float) -> list[Probe]:
 
 def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
     """
-    Tell whether an effect does as well without its strength: another effect is in its place.
+    Tell whether an effect stands for another: it does as well with its strength at an end.
 
-    The resistance of a driver whose current never comes to its limit is one.
+    Without any strength another is in its place: the resistance of a driver whose current never
+    comes to its limit is one.  Or it has become another: a stop without a gap is a spring.
     """
-    strong = [p for p in EFFECTS[name].parameters if p.magnitude]
-    if len(strong) == len(EFFECTS[name].parameters) or all(math.isfinite(p.neutral)
-                                                           for p in strong):
+    effect = EFFECTS[name]
+    strong = [p for p in effect.parameters if p.magnitude]
+    if len(strong) == len(effect.parameters) or all(math.isfinite(p.neutral) for p in strong):
         return False  # nothing is left of it without
-    weak = {p.name: min(max(p.neutral, p.lower), p.upper) for p in strong}
-    residual = fitter.residual_of({**fit.effects, name: {**fit.effects[name], **weak}}, fit.phi)
+    neutral = {p.name: min(max(p.neutral, p.lower), p.upper) for p in strong}
+    ends = [neutral]
+    if effect.becomes:
+        ends.append({p.name: p.lower if neutral[p.name] == p.upper else p.upper for p in strong})
     others = {other: values for other, values in fit.effects.items() if other != name}
     without = fitter.cost(fitter.residual_of(others, fit.phi), fit.phi)
-    fall = fitter.cost(residual, fit.phi) - fit.cost
-    return fall < max(WORTH, IDLE * (without - fit.cost))
+
+    def fall(end):
+        there = {**fit.effects, name: {**fit.effects[name], **end}}
+        return fitter.cost(fitter.residual_of(there, fit.phi), fit.phi) - fit.cost
+
+    return min(map(fall, ends)) < max(WORTH, IDLE * (without - fit.cost))
 
 
 def tune(fitter: Fitter) -> Fit:

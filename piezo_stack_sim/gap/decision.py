@@ -20,7 +20,8 @@ from piezo_stack_sim.gap.pairs import (
     search_mended, search_partners)
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.verdict import (
-    contenders, Cut, decide, Ranked, second_explains, Thresholds, tie_pairs, Verdict)
+    contenders, counts, Cut, decide, Ranked, second_explains, stands_clear, Thresholds, tie_pairs,
+    Verdict)
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
@@ -111,9 +112,10 @@ def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removabl
     for i, pair in enumerate(pairs):
         if pair.name not in kept and not set(pair.name.split('+')) <= set(search.bases):
             continue  # not among the best: nobody asked what each of the two does alone
-        nats, part = explained(fitter, search, judge.cells, pair.name)
+        merit = explained(fitter, search, judge.cells, pair.name)
         lost = judge.cells.nats(search.fits[pair.name].residual)
-        pairs[i] = replace(pair, second=nats, part=part, over=alone - lost)
+        pairs[i] = replace(pair, second=merit.nats, part=merit.part, clear=merit.clear,
+                           clear_part=merit.clear_part, over=alone - lost)
     return pairs
 
 
@@ -122,10 +124,10 @@ def rank_mended(fitter: Fitter, search: Search, judge: Judge, removable: Removab
     """Return pairs as they leave the gap if a third effect mends the form of the first."""
     ranked, pairs = _ranker(search, judge, removable), []
     for name, (first, whole) in search.mended.items():
-        nats, part = merit_of(fitter, judge.cells, first, whole)
+        merit = merit_of(fitter, judge.cells, first, whole)
         over = judge.cells.nats(first.residual) - judge.cells.nats(whole.residual)
         beside = ranked(pair_of(*first.effects), first)
-        pairs.append(replace(ranked(name, whole), second=nats, part=part, over=over,
+        pairs.append(replace(ranked(name, whole), second=merit.nats, part=merit.part, over=over,
                              beside=beside))
     return sorted(pairs, key=lambda pair: (-pair.second, pair.name))
 
@@ -145,7 +147,8 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
         better = removable.share(plain.residual) > pair.removed + CLEARLY
         search.corrected[pair.name] = plain if better else weighed
     again, = rank([pair.name], search, judge, removable)
-    return replace(again, second=pair.second, part=pair.part, over=pair.over)
+    return replace(again, second=pair.second, part=pair.part, over=pair.over, clear=pair.clear,
+                   clear_part=pair.clear_part)
 
 
 def judge_of(fitter: Fitter, search: Search) -> Judge:
@@ -222,7 +225,8 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     def ranked(kept: Collection[str]) -> list[Ranked]:
         return [_by_all_rows(fitter, search, judge, removable, pair, best.name)
                 if best.name in pair.name.split('+')
-                and (second_explains(best, pair, thresholds, alike.kin) or pair.name in kept)
+                and (second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
+                     or stands_clear(best, pair, thresholds, alike.kin))
                 else pair for pair in rank_pairs(fitter, search, judge, removable, kept)]
 
     pairs = ranked([cut.pair] if cut else [])
@@ -239,5 +243,10 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         if any(pair.name == name for pair in hidden):
             # What only mends the form of the first explains more than a second that it hid.
             rivals = [pair for pair in pairs if pair.name in (name, *asked)]
+        elif any(pair.name == name and not counts(best, pair, thresholds, alike.kin)
+                 for pair in pairs):
+            # And more than one that shows where the first hardly acts.
+            rivals = [pair for pair in pairs if pair.name == name
+                      or stands_clear(best, pair, thresholds, alike.kin)]
         verdict = tie_pairs(verdict, rivals, singles, thresholds)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

@@ -166,7 +166,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
             fallen = new_cost < cost
             if fallen:
                 break
-            damping = max(damping, 1e-3) * 30.0
+            damping = max(damping, 1e-3) * 100.0
         if not fallen:
             if held or not n:
                 break

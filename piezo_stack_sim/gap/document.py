@@ -11,14 +11,14 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
-from piezo_stack_sim.gap.back_coupling import NOT_FELT, suspect_block
+from piezo_stack_sim.gap.back_coupling import NOT_FELT, OTHER_RATIO, suspect_block
 from piezo_stack_sim.gap.bursts import suspect_knocks
 from piezo_stack_sim.gap.candidates import Search
+from piezo_stack_sim.gap.course import Course, is_plain, suspect_clock, suspect_play
 from piezo_stack_sim.gap.decision import count, Decision
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.play import suspect_play
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, gap_part, records_part, shrinkage_part)
@@ -99,9 +99,12 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
         tuned, evidence, simulated, None if behind is None else fitter.device_with({}, behind))
     suspect = None
     if verdict.word in UNNAMED and verdict.block is None:
-        suspect = suspect_knocks(cuts) or suspect_block(cuts)
+        course = Course.of(evidence, simulated, cuts)
+        suspect = suspect_clock(course) or suspect_knocks(cuts) or suspect_block(cuts)
         if suspect is NOT_FELT:
-            suspect = suspect_play(evidence, simulated, cuts) or suspect
+            suspect = suspect_play(course) or suspect
+        elif suspect is OTHER_RATIO and is_plain(course):
+            suspect = None  # a reading that the voltage leaks into does the same
     last = suspect.block if suspect else where.last_cut(
         verdict.selected, singles[0].name, evidence.channels)
     fractions, blocks = where.shares(cuts, last, evidence.channels)

@@ -34,6 +34,7 @@ TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
 STUCK = 1e-3  # part of its range from its bound at which a number of an effect counts as stuck
 REMEMBERED = 64e6  # bytes of residuals that are kept: fits set out from where others ended
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
+ALIKE = 1e-10  # part of its square by which a derivative is kept from being just like another
 
 
 @dataclass(frozen=True)
@@ -298,7 +299,7 @@ class Fitter:
             cross = slope.T @ seen
             square = np.block([[slope.T @ slope, cross], [cross.T, seen.T @ seen]])
             precision = np.concatenate([np.full(len(cross), 1e-6), self.nuisance.prior ** -2.0])
-            view = View(slope, seen, np.linalg.inv(square + np.diag(precision)), np.empty(0))
+            view = View(slope, seen, _inverse(square + np.diag(precision)), np.empty(0))
             fit.view = view._replace(left=view.cleared(self.lens(fit.residual)))
         return fit.view
 
@@ -377,6 +378,14 @@ class Fitter:
         residual = self._simulated(
             tuple((name, tuple(given.items())) for name, given in values.items()), tuple(phi))
         return residual if tone is None else tone.match(residual)[1]
+
+
+def _inverse(square: np.ndarray) -> np.ndarray:
+    """Return the inverse of a square of derivatives (n, n), of which two may be alike."""
+    # In units of their lengths: they differ by many orders.
+    scale = 1.0 / np.sqrt(np.diag(square))
+    alike = square * np.outer(scale, scale) + ALIKE * np.eye(scale.size)
+    return np.linalg.inv(alike) * np.outer(scale, scale)
 
 
 def _tuned(device: Device, nuisance: Nuisance, effects: dict, phi: np.ndarray) -> Device:

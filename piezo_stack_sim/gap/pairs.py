@@ -41,6 +41,7 @@ FIRST_WEIGHINGS, WEIGHINGS = 2, 3  # how often they are, at first and in the end
 ARRIVED, RELATIVE = 2.0, 2e-3  # nats, and part of them, by which it must get better to go on
 HOPEFUL_NATS, HOPEFUL_PART = 20.0, 0.2  # merit from which a pair is worth another look
 ACTS = 0.3  # power of what an effect does, against what is left, from which it acts
+CLEAR = 1.0  # power of what the first does, against that, up to which it is clear of it
 
 
 def search_partners(fitter: Fitter, search: Search, base: str,
@@ -363,9 +364,16 @@ def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit) -> Merit:
     after = cells.powers(cells.spectrum(whole.residual))
     acts = cells.powers(cells.spectrum(without - whole.residual))
     there = (acts > ACTS * after) & (acts > 1.0)
-    before = np.log(cells.powers(cells.spectrum(alone.residual))[there])
-    nats = 0.5 * float(np.sum(before - np.log(after[there])))
-    return Merit(nats, nats / max(0.5 * float(np.sum(before)), 1e-9))
+    before = np.log(cells.powers(cells.spectrum(alone.residual)))
+
+    def explained(rows):
+        nats = 0.5 * float(np.sum(before[rows] - np.log(after[rows])))
+        return nats, nats / max(0.5 * float(np.sum(before[rows])), 1e-9)
+
+    others = {name: values for name, values in whole.effects.items() if name not in alone.effects}
+    first = cells.powers(cells.spectrum(
+        fitter.residual_of(others, whole.phi) - whole.residual))
+    return Merit(*explained(there), *explained(there & (first < CLEAR * acts)))
 
 
 def pair_of(one: str, other: str) -> str:

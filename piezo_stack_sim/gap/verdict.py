@@ -40,6 +40,8 @@ class Thresholds:
     second_part: float = 0.25  # and the part of what the first leaves there
     finish_part: float = 0.1  # and this where the two leave hardly anything of what one leaves
     mended_part: float = 0.5  # and this beside a first whose form another mends
+    clear: float = 50.0  # or else nats that it must explain where the first hardly acts
+    clear_part: float = 0.45  # and the part of what is left there
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.4  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
@@ -80,6 +82,8 @@ class Ranked:
     excess: float = 0.0  # largest mean square over the noise that it leaves in a track, minus one
     second: float = 0.0  # of a pair: nats that the second effect explains where it acts
     part: float = 0.0  # and the part of what the first leaves there
+    clear: float = 0.0  # and the nats where the first does less than the second
+    clear_part: float = 0.0  # and the part there
     over: float = math.inf  # nats by which it is better than any single effect
     beside: Ranked | None = None  # the first with another that mends its form, if it has one
 
@@ -252,8 +256,9 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                                sure, 1.0 - sure, pairs={pair.name: sure})
         pairs = [pair for pair in pairs if all(map(cut.allows, pair.name.split('+')))]
     for pair in pairs:
-        if (_counts(best, pair, t, kin)
-                and not _is_in_the_shade(best, pair, pairs, t, kin)
+        needed = (counts(best, pair, t, kin)
+                  and not _is_in_the_shade(best, pair, pairs, t, kin))
+        if ((needed or stands_clear(best, pair, t, kin))
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
             return Verdict('MULTIPLE', _by_rank(pair, singles, t), (),
@@ -385,13 +390,26 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
     form = t.finish_form if finishes else t.second_form
     if pair.second < max(t.second, form * best.gain) or pair.over < 0.5 * t.second:
         return False
-    if _are_relatives(pair, kin):
+    if _are_relatives(best, pair, kin):
         # What the form of the first misses, a relative fills in: it takes more to believe in two.
         return best.removed < t.alone and pair.part > t.relative_part
     return pair.part > (t.finish_part if finishes else t.second_part)
 
 
-def _counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
+def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,
+                 kin: Collection[frozenset[str]]) -> bool:
+    """
+    Tell whether a second effect explains enough where the first hardly acts.
+
+    What the form of the first misses is no more than a part of what it does, so that it does not
+    matter how much of that is left elsewhere.
+    """
+    return (best.name in pair.name.split('+')
+            and pair.clear > t.clear and pair.clear_part > t.clear_part
+            and pair.over > 0.5 * t.second and not _are_relatives(best, pair, kin))
+
+
+def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
     # Else it fills in some cells what the form of the first misses, and no more.
     first = pair.beside or best
@@ -400,8 +418,10 @@ def _counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset
         or 1.0 - pair.removed <= t.stays * (1.0 - first.removed))
 
 
-def _are_relatives(pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
-    return frozenset(pair.name.split('+')) in kin
+def _are_relatives(best: Ranked, pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
+    names = frozenset(pair.name.split('+'))
+    return names in kin or best.name in names and not names.isdisjoint(
+        EFFECTS[best.name].form_like)
 
 
 def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds,
@@ -413,8 +433,8 @@ def _is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresho
     the first it leaves far less, all in all.
     """
     return pair.beside is None and best.name in pair.name.split('+') and any(
-        best.name in other.name.split('+') and _are_relatives(other, kin)
-        and other.second > pair.second and not _counts(best, other, t, kin)
+        best.name in other.name.split('+') and _are_relatives(best, other, kin)
+        and other.second > pair.second and not counts(best, other, t, kin)
         and pair.left > t.shade * other.left
         for other in pairs if other is not pair)
 

@@ -1,0 +1,133 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the course of the displacement tells of the block, whatever the cause: play, a clock.
+
+Where a part has play or rubs, what is wrong with the displacement depends on which way it
+last moved and how far, however fast: on the plays of a Prandtl-Ishlinskii operator.  No
+reading of a sensor remembers that, however late it comes.  A reading whose clock runs fast or
+slow is late by ever more.
+
+All recordings count together: how fast they move is what tells play from a lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from piezo_stack_sim.gap.back_coupling import Suspect
+from piezo_stack_sim.gap.blackbox import predict
+from piezo_stack_sim.gap.evidence import Evidence
+
+LOUD = 0.2  # power beyond that of the noise from which there is anything to tell
+WIDTHS = (0.0005, 0.002, 0.01, 0.05, 0.15, 0.4)  # half widths of plays, parts of the stroke
+LAGS = (3e-5, 1e-4, 3e-4, 1e-3, 1e-2, 1e-1)  # s
+ADDS = 0.7  # part that plays, or a clock, may leave of what everything else leaves
+WITHOUT = 0.3  # part of the gap that this leaves at least
+LATER = 0.5  # part of the gap that a wrong clock may leave
+STEADILY = 0.1  # and part that the motion leaves at least: one that is always late is a lag
+
+_PLAY = Suspect('mechanical', 'what is wrong with the displacement depends on which way it last '
+                'moved, however fast: something has play or rubs')
+_CLOCK = Suspect('sensor', 'the displacement comes late by ever more: it was read by a clock that '
+                 'runs at another speed')
+
+
+@dataclass(frozen=True)
+class Course:
+    """
+    The gap of the displacement over that of its noise, and what it may depend on.
+
+    ``wrong`` (m,) and what it may depend on, (m, k) each, are of all recordings one after the
+    other, without their means; ``plain`` is the motion itself, whichever way it came.
+    """
+
+    wrong: np.ndarray
+    plain: np.ndarray
+    plays: np.ndarray
+    clock: np.ndarray
+    fitted: np.ndarray
+
+    @classmethod
+    def of(cls, evidence: Evidence, simulated: Sequence[dict], cuts: Sequence[dict]
+           ) -> Course | None:
+        """
+        Return it, or None where no displacement was measured.
+
+        Parameters
+        ----------
+        evidence : Evidence
+            The recordings.
+        simulated : sequence of dict
+            Channel to (n,) array for each track, from the re-tuned device.
+        cuts : sequence of dict
+            Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`.
+
+        """
+        moved = [track.average(answer['displacement'])
+                 for track, answer in zip(evidence.tracks, simulated)]
+        stroke = max(map(np.ptp, moved), default=0.0)
+        parts = []
+        for track, answer, cut, x in zip(evidence.tracks, simulated, cuts, moved):
+            wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
+            if wrong.size != x.size or np.ptp(x) <= 0.0 or not track.fitted.any():
+                continue
+            time = track.recording.period * track.factor * np.arange(x.size)
+            speed = np.gradient(x, time)
+            plain = [x, x ** 2, x ** 3, speed, time, track.average(track.recording.command),
+                     track.average(answer['voltage']), track.average(answer['charge']),
+                     *(x - np.interp(time - lag, time, x) for lag in LAGS)]
+            plays = [x - _play(x, width * stroke) for width in WIDTHS]
+            columns = np.column_stack([wrong, *plain, *plays, speed * time])
+            parts.append(((columns - columns.mean(axis=0)) / noise, track.fitted))
+        if not parts:
+            return None
+        rows = np.concatenate([columns for columns, _ in parts])
+        ends = np.cumsum([1, len(plain), len(plays)])
+        return cls(rows[:, 0], rows[:, 1:ends[1]], rows[:, ends[1]:ends[2]], rows[:, ends[2]:],
+                   np.concatenate([fitted for _, fitted in parts]))
+
+    @property
+    def gap(self) -> float:
+        """Return the power of the gap beyond that of the noise, in units of that."""
+        return float(np.mean(self.wrong[~self.fitted] ** 2)) - 1.0
+
+    def left(self, *features: np.ndarray) -> float:
+        """Return the part of the gap that is left of what features do not tell."""
+        told = predict(np.hstack(features), self.wrong, self.fitted)
+        return (float(np.mean((self.wrong - told)[~self.fitted] ** 2)) - 1.0) / self.gap
+
+
+def suspect_clock(course: Course | None) -> Suspect | None:
+    """Return the sensor if the displacement is late by ever more, or None."""
+    if course is None or course.gap < LOUD:
+        return None
+    plain = course.left(course.plain)
+    late = (plain > STEADILY and course.left(course.clock) < LATER
+            and course.left(course.plain, course.clock) < ADDS * plain)
+    return _CLOCK if late else None
+
+
+def suspect_play(course: Course | None) -> Suspect | None:
+    """Return the mechanics if the displacement is wrong by which way it last moved, or None."""
+    if course is None or course.gap < LOUD:
+        return None
+    plain = course.left(course.plain)
+    played = plain > WITHOUT and course.left(course.plain, course.plays) < ADDS * plain
+    return _PLAY if played else None
+
+
+def is_plain(course: Course | None) -> bool:
+    """Tell whether the motion or the voltage at the moment tell what is wrong, and no history."""
+    return course is not None and course.gap > LOUD and course.left(course.plain) < WITHOUT
+
+
+def _play(x: np.ndarray, half: float) -> np.ndarray:
+    """Return what a play of a half width (m) makes of displacements (n,)."""
+    follower, out = float(x[0]), []
+    for place in x.tolist():
+        follower = min(max(follower, place - half), place + half)
+        out.append(follower)
+    return np.array(out)
