@@ -222,7 +222,10 @@ def test_a_second_effect_counts_that_shows_where_the_first_hardly_acts(clear, pa
     singles = [Ranked('command_delay', 6000.0, 0.96, 1, 0.1), Ranked('friction', 0.0, 0.0, 1)]
     pair = Ranked('command_delay+thermal_drift', 6050.0, 0.965, 3, 0.09, second=250.0, part=0.5,
                   over=over, clear=clear, clear_part=part)
-    assert decide(singles, [pair], 0.99, 20.0, []).word == word
+    verdict = decide(singles, [pair], 0.99, 20.0, [])
+    assert verdict.word == word
+    assert ('where it does less than thermal drift, that explains 60 %' in verdict.reason) == (
+        word == 'MULTIPLE')
     relatives = {frozenset(('command_delay', 'thermal_drift'))}
     assert decide(singles, [pair], 0.99, 20.0, [], kin=relatives).word == 'CAUSE'
 

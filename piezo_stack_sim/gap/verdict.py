@@ -261,8 +261,9 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         if ((needed or stands_clear(best, pair, t, kin))
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
-            return Verdict('MULTIPLE', _by_rank(pair, singles, t), (),
-                           _why_two(best, pair), sure, 1.0 - sure, pairs={pair.name: sure})
+            why = _why_two(best, pair) if needed else _why_clear(best, pair)
+            return Verdict('MULTIPLE', _by_rank(pair, singles, t), (), why, sure, 1.0 - sure,
+                           pairs={pair.name: sure})
     singles = contenders(singles, t)
     chance = probabilities(singles, t, classes)
     best = singles[0]
@@ -330,6 +331,14 @@ def _why_two(best: Ranked, pair: Ranked) -> str:
     return (f'{words(first)} removes {_percent(best.removed)} of the removable gap, with '
             f'{words(second)} {_percent(pair.removed)}; of what the first leaves where the '
             f'second acts, that explains {_percent(pair.part)}')
+
+
+def _why_clear(best: Ranked, pair: Ranked) -> str:
+    """Return why a second effect is believed in, however much the form of the first leaves."""
+    second, = set(pair.name.split('+')) - {best.name}
+    return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap; of what '
+            f'it leaves where it does less than {words(second)}, that explains '
+            f'{_percent(pair.clear_part)}')
 
 
 def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
