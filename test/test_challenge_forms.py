@@ -5,6 +5,7 @@
 import numpy as np
 from piezo_stack_sim.challenge import programmes
 from piezo_stack_sim.challenge.device import respond, Unit
+from piezo_stack_sim.challenge.foreign import FOREIGN
 from piezo_stack_sim.challenge.hidden import Context, Range
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.effects.registry import EFFECTS
@@ -81,7 +82,11 @@ def hidden_response(key, parameters, names):
 
 def library_response(key, parameters, names):
     """Return what the plant does with the library's effect of that name."""
-    device = Device.nominal().with_effects({key: parameters})
+    return response_of(Device.nominal().with_effects({key: parameters}), names)
+
+
+def response_of(device, names):
+    """Return what the plant does, as one vector."""
     out = []
     for name in names:
         programme = RECORDINGS[name]
@@ -158,3 +163,20 @@ def test_that_is_more_than_half_of_the_library():
     """As many effects are compared as the benchmark's claim needs."""
     assert len(CASES) > len(EFFECTS) / 2
     assert set(CASES) <= set(EFFECTS)
+
+
+def test_a_capacitor_in_series_is_a_spring_with_a_smaller_ratio():
+    """The library has no such capacitor, and no channel of the best instruments misses it."""
+    names, capacitance = ('triangle', 'steps', 'multisine', 'force'), 1e-4
+    unit = FOREIGN['sense_capacitor'].apply(Unit(), capacitance=capacitance)
+    hidden = stacked(respond(unit, RECORDINGS[name]) for name in names)
+    actuator = Device.nominal().actuator
+    smaller = 1.0 + actuator.linear_capacitance / capacitance
+    spring = actuator.transformer_ratio ** 2 / (capacitance + actuator.linear_capacitance)
+    twin = Device.nominal().replace(actuator=actuator.replace(
+        transformer_ratio=actuator.transformer_ratio / smaller,
+        linear_capacitance=actuator.linear_capacitance / smaller)).with_effects(
+            {'parallel_stiffness': {'stiffness': spring}})
+    assert np.linalg.norm(response_of(Device.nominal(), names) - hidden) > 100.0
+    assert np.linalg.norm(response_of(twin, names) - hidden) < 1.0
+    assert 'capacitor in series' in EFFECTS['parallel_stiffness'].twin

@@ -37,7 +37,7 @@ def polarisation_relay(unit, charge, jump, back):
 
 
 @register(FOREIGN, 'electrical', 'a sense capacitor in series that nobody mentioned', BOTH,
-          capacitance=log(2.5e-5, 2e-3))
+          lookalikes=('parallel_stiffness',), capacitance=log(2.5e-5, 2e-3))
 def sense_capacitor(unit, capacitance):
     return unit.change(stack={'sense_elastance': 1.0 / capacitance})
 
