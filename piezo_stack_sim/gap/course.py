@@ -72,8 +72,9 @@ class Course:
         parts = []
         for track, answer, cut, x in zip(evidence.tracks, simulated, cuts, moved):
             wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
-            if wrong.size != x.size or np.ptp(x) <= 0.0 or not track.fitted.any():
-                continue
+            judged = track.fitted.any() and not track.fitted.all()
+            if wrong.size != x.size or np.ptp(x) <= 0.0 or not judged:
+                continue  # nothing moved, or nothing was withheld
             time = track.recording.period * track.factor * np.arange(x.size)
             speed = np.gradient(x, time)
             plain = [x, x ** 2, x ** 3, speed, time, track.average(track.recording.command),
