@@ -213,15 +213,17 @@ def test_two_that_leave_hardly_anything_need_not_explain_it_all_where_the_second
     assert decide([best, other], [more], 0.99, 50.0, []).word == 'UNKNOWN'
 
 
-@pytest.mark.parametrize('clear, part, over, word', [
-    (200.0, 0.6, 250.0, 'MULTIPLE'),  # though the first's form leaves as much as before
-    (30.0, 0.6, 250.0, 'CAUSE'),
-    (200.0, 0.2, 250.0, 'CAUSE'),
-    (200.0, 0.6, 0.0, 'CAUSE')])
-def test_a_second_effect_counts_that_shows_where_the_first_hardly_acts(clear, part, over, word):
-    singles = [Ranked('command_delay', 6000.0, 0.96, 1, 0.1), Ranked('friction', 0.0, 0.0, 1)]
-    pair = Ranked('command_delay+thermal_drift', 6050.0, 0.965, 3, 0.09, second=250.0, part=0.5,
-                  over=over, clear=clear, clear_part=part)
+@pytest.mark.parametrize('clear, part, over, first, word', [
+    (200.0, 0.6, 250.0, 0.96, 'MULTIPLE'),  # though the first's form leaves as much as before
+    (30.0, 0.6, 250.0, 0.96, 'CAUSE'),
+    (200.0, 0.2, 250.0, 0.96, 'CAUSE'),
+    (200.0, 0.6, 0.0, 0.96, 'CAUSE'),
+    (200.0, 0.6, 250.0, 0.8, 'CAUSE')])
+def test_a_second_effect_counts_that_shows_where_the_first_hardly_acts(
+        clear, part, over, first, word):
+    singles = [Ranked('command_delay', 6000.0, first, 1, 0.1), Ranked('friction', 0.0, 0.0, 1)]
+    pair = Ranked('command_delay+thermal_drift', 6050.0, first + 0.005, 3, 0.09, second=250.0,
+                  part=0.5, over=over, clear=clear, clear_part=part)
     verdict = decide(singles, [pair], 0.99, 20.0, [])
     assert verdict.word == word
     assert ('where it does less than thermal drift, that explains 60 %' in verdict.reason) == (

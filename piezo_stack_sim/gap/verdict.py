@@ -42,6 +42,7 @@ class Thresholds:
     mended_part: float = 0.5  # and this beside a first whose form another mends
     clear: float = 50.0  # or else nats that it must explain where the first hardly acts
     clear_part: float = 0.45  # and the part of what is left there
+    clear_first: float = 0.9  # where the first removes so much: else what is left may be anything
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.4  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
@@ -413,7 +414,7 @@ def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,
     What the form of the first misses is no more than a part of what it does, so that it does not
     matter how much of that is left elsewhere.
     """
-    return (best.name in pair.name.split('+')
+    return (best.name in pair.name.split('+') and best.removed > t.clear_first
             and pair.clear > t.clear and pair.clear_part > t.clear_part
             and pair.over > 0.5 * t.second and not _are_relatives(best, pair, kin))
 
