@@ -197,6 +197,12 @@ def test_an_effect_switched_on_at_rest_begins_at_rest(name):
     assert np.abs(after - before).max() < (5e-7 if name == 'mount_creep' else 1e-11)
 
 
+def test_effects_name_others_that_there_are():
+    named = {other for effect in EFFECTS.values() for other in (*effect.form_like, effect.becomes)}
+    assert named - {''} <= set(EFFECTS)
+    assert 'parallel_stiffness' in named and 'command_delay' in named
+
+
 def test_a_misspelt_effect_is_named():
     with pytest.raises(InputError, match="did you mean 'creep'"):
         find('crep')

@@ -323,6 +323,12 @@ def test_charge_tells_whether_the_stack_felt_what_displaced_it(device, effects, 
     assert (suspect and suspect.block) == block
 
 
+def test_a_spring_is_named_with_the_capacitor_that_no_channel_tells_from_it(diagnosed):
+    answer = diagnosed({'parallel_stiffness': {'stiffness': 5e6}})
+    assert answer['selected'] == ['parallel_stiffness']
+    assert any('capacitor in series' in warning for warning in answer['warnings'])
+
+
 def test_another_ratio_moves_charge_and_displacement_in_opposite_ways(device):
     recording, *_ = a_set(device.with_effects({'transducer_ratio': {'ratio_error': 0.05}})
                           ).recordings

@@ -7,8 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 from piezo_stack_sim.gap import decision, diagnose_set
 from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.forward import residuals, simulate_set
+from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set
 from piezo_stack_sim.gap.lens import Cells, whitened
+from piezo_stack_sim.gap.pairs import merit_of
 from piezo_stack_sim.gap.verdict import DEFAULTS, Ranked
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -88,6 +90,26 @@ def test_a_weak_second_effect_is_found_beside_what_the_form_of_the_first_misses(
     answer = diagnose_set(a_set(truth), device, traces=False).document
     assert answer['verdict'] == 'MULTIPLE'
     assert set(answer['selected']) == {'asymmetric_hysteresis', 'sensor_delay'}
+
+
+def test_where_the_first_hardly_acts_only_another_kind_of_effect_shows(device):
+    truth = device.with_effects({'asymmetric_hysteresis': {'quadratic': 0.016}})
+    recordings = a_set(truth).recordings
+    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
+    fitter.prepare(parallel)
+    cells = Cells(fitter.evidence, fitted=False)
+    late = {'sensor_delay': {'delay': 1.2e-4}}
+    alone = fitter.fit(late)
+
+    def clear(effect, values):
+        return merit_of(fitter, cells, alone, fitter.fit({**late, effect: values}), clear=True)
+
+    bowed = clear('asymmetric_hysteresis', {'quadratic': 0.01})
+    assert bowed.clear > DEFAULTS.clear and bowed.clear_part > DEFAULTS.clear_part
+    # A lag mends much of the form of a delay, but where the delay acts: not enough else to count.
+    lag = clear('sensor_lag', {'time_constant': 2e-5})
+    assert lag.nats > DEFAULTS.second
+    assert lag.clear < DEFAULTS.clear and lag.clear_part < DEFAULTS.clear_part
 
 
 def test_what_the_form_of_a_lone_cause_misses_is_no_second_cause(device):

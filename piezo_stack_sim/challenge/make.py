@@ -132,11 +132,13 @@ def make_set(out, index, seed, kind, ids):
             continue  # a bow that softens can do that; what is not a number is not less either
         alone = {key: true if len(ids) == 1 else case.responses(
             case.hide(setting.clean, [(key, values)]), recordings) for key, values in hidden}
-        seen = {key: case.visibility(setting, case.difference(setting, alone[key], clean), moved)
-                for key in ids}
-        named = seen | {key: case.visibility(setting, case.difference(
-            setting, alone[key], case.responses(case.hide(setting.clean, [
-                (key, values | case.EFFECTS[key].without)]), recordings)), moved)
+
+        def visible(key, against):
+            return case.visibility(setting, case.difference(setting, alone[key], against), moved)
+
+        seen = {key: visible(key, clean) for key in ids}
+        named = seen | {key: visible(key, case.responses(case.hide(
+            setting.clean, [(key, values | case.EFFECTS[key].without)]), recordings))
             for key, values in hidden if case.EFFECTS[key].without}
         if all(max(levels.values()) >= case.VISIBLE[kind] for levels in named.values()):
             break

@@ -28,7 +28,7 @@ EFFECT = Effect(
                   # It moves a resonance, and a resonance is found only from close by.
                   tries=tuple(5e-4 * 1.23 ** i for i in range(40))),
     ),
-    # A payload on a joint comes late.
     apply, channels=('charge', 'displacement'),
+    # A payload on a joint comes late.
     form_like=('command_delay', 'amplifier_bandwidth', 'sensor_lag', 'sensor_delay',
                'rate_dependent_hysteresis'))

@@ -38,6 +38,6 @@ EFFECT = Effect(
                   'charge up to which x over q is right on the whole, part of the full charge',
                   magnitude=False),
     ),
-    # What bows the displacement pushes back on the voltage, too.
     apply, channels=('displacement',),
+    # What bows the displacement pushes back on the voltage, too.
     form_like=('asymmetric_hysteresis', 'stiffness_hardening'))

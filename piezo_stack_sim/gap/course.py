@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import Suspect
@@ -95,6 +96,11 @@ class Course:
         """Return the power of the gap beyond that of the noise, in units of that."""
         return float(np.mean(self.wrong[~self.fitted] ** 2)) - 1.0
 
+    @cached_property
+    def history(self) -> float:
+        """Return the part of the gap that the motion and the voltage at the moment do not tell."""
+        return self.left(self.plain)
+
     def left(self, *features: np.ndarray) -> float:
         """Return the part of the gap that is left of what features do not tell."""
         told = predict(np.hstack(features), self.wrong, self.fitted)
@@ -105,9 +111,8 @@ def suspect_clock(course: Course | None) -> Suspect | None:
     """Return the sensor if the displacement is late by ever more, or None."""
     if course is None or course.gap < LOUD:
         return None
-    plain = course.left(course.plain)
-    late = (plain > STEADILY and course.left(course.clock) < LATER
-            and course.left(course.plain, course.clock) < ADDS * plain)
+    late = (course.history > STEADILY and course.left(course.clock) < LATER
+            and course.left(course.plain, course.clock) < ADDS * course.history)
     return _CLOCK if late else None
 
 
@@ -115,14 +120,14 @@ def suspect_play(course: Course | None) -> Suspect | None:
     """Return the mechanics if the displacement is wrong by which way it last moved, or None."""
     if course is None or course.gap < LOUD:
         return None
-    plain = course.left(course.plain)
-    played = plain > WITHOUT and course.left(course.plain, course.plays) < ADDS * plain
+    played = (course.history > WITHOUT
+              and course.left(course.plain, course.plays) < ADDS * course.history)
     return _PLAY if played else None
 
 
 def is_plain(course: Course | None) -> bool:
     """Tell whether the motion or the voltage at the moment tell what is wrong, and no history."""
-    return course is not None and course.gap > LOUD and course.left(course.plain) < WITHOUT
+    return course is not None and course.gap > LOUD and course.history < WITHOUT
 
 
 def _play(x: np.ndarray, half: float) -> np.ndarray:

@@ -112,7 +112,7 @@ def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removabl
     for i, pair in enumerate(pairs):
         if pair.name not in kept and not set(pair.name.split('+')) <= set(search.bases):
             continue  # not among the best: nobody asked what each of the two does alone
-        merit = explained(fitter, search, judge.cells, pair.name)
+        merit = explained(fitter, search, judge.cells, pair.name, clear=True)
         lost = judge.cells.nats(search.fits[pair.name].residual)
         pairs[i] = replace(pair, second=merit.nats, part=merit.part, clear=merit.clear,
                            clear_part=merit.clear_part, over=alone - lost)

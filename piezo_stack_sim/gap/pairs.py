@@ -333,7 +333,8 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
         search.merits[name] = explained(fitter, search, cells, name)
 
 
-def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
+def explained(fitter: Fitter, search: Search, cells: Cells, name: str, clear: bool = False
+              ) -> Merit:
     """
     Return how much of what the first effect leaves a second explains, where it acts.
 
@@ -347,6 +348,8 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
         The rows to judge by.
     name : str
         The pair.
+    clear : bool
+        Whether to ask as well where the first hardly acts, which takes a simulation.
 
     Returns
     -------
@@ -355,10 +358,11 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str) -> Merit:
     """
     base = min((base for base in search.bases if base in name.split('+')),
                key=lambda base: cells.nats(search.bases[base].residual))
-    return merit_of(fitter, cells, search.bases[base], search.fits[name])
+    return merit_of(fitter, cells, search.bases[base], search.fits[name], clear)
 
 
-def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit) -> Merit:
+def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit, clear: bool = False
+             ) -> Merit:
     """Return what one more effect explains of what ``alone`` leaves where that effect acts."""
     without = fitter.residual_of({name: whole.effects[name] for name in alone.effects}, whole.phi)
     after = cells.powers(cells.spectrum(whole.residual))
@@ -370,6 +374,8 @@ def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit) -> Merit:
         nats = 0.5 * float(np.sum(before[rows] - np.log(after[rows])))
         return nats, nats / max(0.5 * float(np.sum(before[rows])), 1e-9)
 
+    if not clear:
+        return Merit(*explained(there))
     others = {name: values for name, values in whole.effects.items() if name not in alone.effects}
     first = cells.powers(cells.spectrum(
         fitter.residual_of(others, whole.phi) - whole.residual))
