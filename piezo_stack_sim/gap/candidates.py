@@ -214,11 +214,11 @@ def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
     if effect.becomes:
         ends.append({p.name: p.lower if neutral[p.name] == p.upper else p.upper for p in strong})
     others = {other: values for other, values in fit.effects.items() if other != name}
-    without = fitter.cost(fitter.residual_of(others, fit.phi), fit.phi)
+    without = fitter.cost(fitter.residual_of(others, fit.phi, fit), fit.phi)
 
     def fall(end):
         there = {**fit.effects, name: {**fit.effects[name], **end}}
-        return fitter.cost(fitter.residual_of(there, fit.phi), fit.phi) - fit.cost
+        return fitter.cost(fitter.residual_of(there, fit.phi, fit), fit.phi) - fit.cost
 
     return min(map(fall, ends)) < max(WORTH, IDLE * (without - fit.cost))
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import Search
-from piezo_stack_sim.gap.evidence import Evidence
+from piezo_stack_sim.gap.evidence import Evidence, of_any_colour, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter
+from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import (
-    add_pair, exchange, exchange_alike, explained, merit_of, pair_of, polish_pairs,
+    add_pair, exchange, exchange_alike, explained, leading_pairs, merit_of, pair_of, polish_pairs,
     search_mended, search_partners)
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.verdict import (
@@ -24,6 +25,7 @@ from piezo_stack_sim.gap.verdict import (
     Verdict)
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
+LEADING = 3  # pairs that are asked what each of the two does alone, if they lose less than one
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
 CLEARLY = 0.01  # part of the gap by which that must remove more
 
@@ -178,13 +180,24 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
             exchange(fitter, search, progress, names)
     if search.bases:
         polish_pairs(fitter, search)
-    # What leaves hardly anything is asked what each of the two does alone.
+    # What leaves hardly anything, or least, is asked what each of the two does alone.
+    least = leading_pairs(fitter, search, LEADING)
     for name in [name for name in search.fits if '+' in name]:
         left = 1.0 - removable.share(search.fits[name].residual)
         if (not set(name.split('+')) <= set(search.bases)
-                and left < thresholds.finishes * (1.0 - loudest.removed)):
+                and (name in least or left < thresholds.finishes * (1.0 - loudest.removed))):
             add_pair(fitter, search, search.fits[name].effects, search.fits[name].phi)
     search_mended(fitter, search, progress, names)
+
+
+def _without_colour(fitter: Fitter, search: Search, judge: Judge) -> float:
+    """Return the structure that is left without what may be the colour of the noise."""
+    evidence = fitter.evidence
+    simulated = simulate_set(fitter.device_with({}, search.nominal.phi),
+                             [track.recording for track in evidence.tracks])
+    louder = of_any_colour(evidence, simulated)
+    return replace(judge, evidence=louder).structure(
+        reweigh(evidence, louder)(search.nominal.residual))
 
 
 def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
@@ -234,6 +247,11 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     hidden = rank_mended(fitter, search, judge, removable)
     verdict = decide(singles, [*pairs, *hidden], ceiling, structure, alike.groups, thresholds,
                      alike.kin, cut)
+    if (verdict.word == 'UNKNOWN' and cut is None and best.removed < thresholds.half
+            and _without_colour(fitter, search, judge) < thresholds.excess):
+        verdict = Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal parameters '
+                          'within their uncertainty is noise, the colour of which shows where '
+                          'rows are averaged', thresholds.nothing, 1.0 - thresholds.nothing)
     if verdict.word == 'MULTIPLE':
         name = pair_of(*verdict.selected)
         resembling = alike.resembling.union(cut.resembling if cut else ())

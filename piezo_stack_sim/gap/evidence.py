@@ -145,6 +145,29 @@ def quieter(evidence: Evidence, simulated) -> Evidence:
         for track in evidence.tracks), evidence.noise | better)
 
 
+def of_any_colour(evidence: Evidence, simulated) -> Evidence:
+    """
+    Return the evidence with noise of which any colour is believed that the spectra tell.
+
+    Where many rows are averaged a colour counts that is hardly seen from row to row.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        As prepared.
+    simulated : sequence of dict
+        Channel to (n,) array for each track, from the best model without any effect.
+
+    """
+    noise = estimate_noise([track.recording for track in evidence.tracks], simulated, 1.0)
+    louder = []
+    for track in evidence.tracks:
+        now = _deviations(noise, track.recording, track.factor)
+        louder.append(replace(track, sigma={
+            channel: max(sigma, now.get(channel, 0.0)) for channel, sigma in track.sigma.items()}))
+    return replace(evidence, tracks=tuple(louder))
+
+
 def _deviations(noise: dict[str, ChannelNoise], recording: Recording, factor: int = 1
                 ) -> dict[str, float]:
     """Return the deviation of an average over ``factor`` rows, of every channel it measured."""

@@ -194,10 +194,19 @@ class Fitter:
         other.nominal = Slope.of(self.nominal.whole, lens)
         return other
 
-    def residual_of(self, effects: dict, phi: np.ndarray) -> np.ndarray:
-        """Return the weighted residual (N,) of the re-tuned device with effects on."""
+    def residual_of(self, effects: dict, phi: np.ndarray, line: Fit | None = None) -> np.ndarray:
+        """
+        Return the weighted residual (N,) of the re-tuned device with effects on.
+
+        A line is matched to a residual and not simulated: if one is among the effects, ``line``
+        is the fit in which it was, and it is taken off as it was there.
+        """
         values = {name: EFFECTS[name].values(given) for name, given in effects.items()}
-        return self._residual(values, [], np.empty(0), phi)
+        residual = self._residual(values, [], np.empty(0), phi)
+        if TONE not in effects or line is None or line.line is None:
+            return residual
+        without = {name: given for name, given in line.effects.items() if name != TONE}
+        return residual - (self.residual_of(without, line.phi) - line.residual)
 
     def find_tone(self, effects: dict, phi: np.ndarray) -> tuple[Line, np.ndarray] | None:
         """Return the line in what other effects leave, and the residual (N,) without it."""

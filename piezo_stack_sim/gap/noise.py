@@ -78,7 +78,8 @@ class ChannelNoise:
         return 2.0 * period * (self.white ** 2 + red) + self.pink / f
 
 
-def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
+def estimate_noise(recordings, simulated, coloured: float = COLOURED
+                   ) -> dict[str, ChannelNoise]:
     """
     Estimate the noise of every measured channel.
 
@@ -89,6 +90,8 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
     simulated : sequence of dict
         A simulation of each, channel to (n,); subtracting it removes most of
         what is not noise.
+    coloured : float, optional
+        Rms, against that of the white part, from which colour is believed.
 
     Returns
     -------
@@ -121,7 +124,7 @@ def estimate_noise(recordings, simulated) -> dict[str, ChannelNoise]:
                              f'{channel}: expected {FEWEST} or more in one recording at least, to '
                              'tell noise from a gap; record longer, or leave the channel out')
     return {channel: _fitted(np.array(bands).reshape(-1, 4), min(floors[channel]),
-                             _least(recordings, channel))
+                             _least(recordings, channel), coloured)
             for channel, bands in spectra.items()}
 
 
@@ -218,7 +221,7 @@ def _bands(series: np.ndarray, period: float) -> list[tuple[float, ...]]:
     return out
 
 
-def _fitted(bands: np.ndarray, floor: float, least: float) -> ChannelNoise:
+def _fitted(bands: np.ndarray, floor: float, least: float, coloured: float) -> ChannelNoise:
     """Fit white, 1/f and first-order noise to the lower edge of spectra by band."""
     from scipy.optimize import minimize
     usable = bands[bands[:, 1] > 0.0] if bands.size else bands
@@ -258,7 +261,7 @@ def _fitted(bands: np.ndarray, floor: float, least: float) -> ChannelNoise:
             best = found
     noise = made(np.clip(best.x, *limits))
     total = noise.white ** 2 + noise.red + 8.0 * noise.pink
-    if total < (COLOURED * noise.white) ** 2 or best.fun > loss(np.log(
+    if total < (coloured * noise.white) ** 2 or best.fun > loss(np.log(
             [noise.white, 1e-8 * start ** 2, 1e-8 * start ** 2, 1000.0])) - 0.01:
         return ChannelNoise(max(noise.white, least))
     return noise

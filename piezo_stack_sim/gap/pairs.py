@@ -79,7 +79,7 @@ def search_partners(fitter: Fitter, search: Search, base: str,
         if EFFECTS[name].swings:
             values, _ = find_history(
                 name, values, lambda values: weighed.cost_beside(
-                    weighed.residual_of({**fit.effects, name: values}, fit.phi), aside),
+                    weighed.residual_of({**fit.effects, name: values}, fit.phi, fit), aside),
                 (0.0, FALLEN * weighed.cost_beside(fit.residual, aside)))
         pair = weighed.fit({**fit.effects, name: values}, fit.phi, FIRST_STEPS, beside=fit)
         if pair.cost > without and name != TONE:
@@ -195,6 +195,18 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
     for base, fit in parallel(again, jobs):
         if fit.cost < search.fits[base].cost:
             search.fits[base] = fit
+
+
+def leading_pairs(fitter: Fitter, search: Search, most: int) -> list[str]:
+    """Return the pairs that lose the fewest nats, and fewer than any one effect."""
+    pairs = [name for name in search.fits if '+' in name]
+    if not pairs:
+        return []
+    cells = Cells(fitter.evidence, fitted=True)
+    lost = min(cells.nats(fit.residual) for fit in search.bases.values())
+    gains = {name: lost - cells.nats(search.fits[name].residual) for name in pairs}
+    best = sorted(gains, key=lambda name: -gains[name])[:most]
+    return [name for name in best if gains[name] > HOPEFUL_NATS]
 
 
 def _hopeful(search: Search) -> list[str]:
@@ -364,7 +376,8 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str, clear: bo
 def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit, clear: bool = False
              ) -> Merit:
     """Return what one more effect explains of what ``alone`` leaves where that effect acts."""
-    without = fitter.residual_of({name: whole.effects[name] for name in alone.effects}, whole.phi)
+    kept = {name: whole.effects[name] for name in alone.effects}
+    without = fitter.residual_of(kept, whole.phi, whole)
     after = cells.powers(cells.spectrum(whole.residual))
     acts = cells.powers(cells.spectrum(without - whole.residual))
     there = (acts > ACTS * after) & (acts > 1.0)
@@ -378,7 +391,7 @@ def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit, clear: bool =
         return Merit(*explained(there))
     others = {name: values for name, values in whole.effects.items() if name not in alone.effects}
     first = cells.powers(cells.spectrum(
-        fitter.residual_of(others, whole.phi) - whole.residual))
+        fitter.residual_of(others, whole.phi, whole) - whole.residual))
     return Merit(*explained(there), *explained(there & (first < CLEAR * acts)))
 
 

@@ -19,9 +19,10 @@ from piezo_stack_sim.gap.forward import spans
 
 CHANNEL = 'displacement'
 HARMONICS = (1, 2)
-SLOWEST = 4.0  # periods that the shortest recording must hold
+SLOWEST = 4.0  # periods that a recording must hold to tell the amplitude
 PEAKS = 4  # peaks of each spectrum that are looked at more closely
-FINE = 24  # places between two lines of the longest recording's spectrum
+FINE = 400  # places between two lines of the longest recording's spectrum
+ANGLES = 2.0 * np.pi * np.arange(360) / 360.0  # phases tried where hardly a period is held
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,12 @@ class Line:
 
 
 class Tone:
-    """The wave of one frequency in every recording of the displacement."""
+    """
+    The wave of one frequency in every recording of the displacement.
+
+    Recordings that hold too few periods do not tell its amplitude: it is that of the others, and
+    only the phase is theirs.
+    """
 
     def __init__(self, evidence: Evidence, frequency: float) -> None:
         self.frequency = frequency
@@ -49,49 +55,73 @@ class Tone:
                 continue
             track = evidence.tracks[i]
             time = track.recording.time - track.recording.time[0]
-            scale = 1.0 / track.sigma[channel]
-            waves = []
-            for harmonic in HARMONICS:
-                angle = 2.0 * np.pi * harmonic * frequency * time
-                waves.append(scale * np.column_stack(
-                    [track.average(np.sin(angle)), track.average(np.cos(angle))]))
-            self.parts.append((i, where, track.fitted, waves))
+            angles = 2.0 * np.pi * frequency * np.outer(time, HARMONICS)
+            waves = np.column_stack([track.average(wave(angle)) for angle in angles.T
+                                     for wave in (np.sin, np.cos)])
+            # Weighed as the residual is: its mean tells little.
+            waves = track.unbiased(channel, waves) / track.sigma[channel]
+            holds = frequency * float(time[-1]) >= SLOWEST
+            self.parts.append((i, where, track.fitted, waves, holds))
+        if not any(holds for *_, holds in self.parts):
+            self.parts = [(*part, True) for *part, _ in self.parts]
 
     def match(self, residual: np.ndarray) -> tuple[Line, np.ndarray]:
         """Return the line in a residual (N,), and the residual without it."""
         left = residual.copy()
-        amplitudes = np.zeros(len(HARMONICS))
-        phases: dict[int, float] = {}
-        for h in range(len(HARMONICS)):
-            found, total, weight = [], 0.0, 0.0
-            for i, where, fitted, waves in self.parts:
-                seen = waves[h][fitted]
-                square = seen.T @ seen
-                # Averaged over whole periods sine and cosine are one.
-                square += (1e-9 * float(np.trace(square)) + 1e-300) * np.eye(2)
-                pair = np.linalg.solve(square, seen.T @ residual[where][fitted])
-                size = float(np.hypot(*pair))
-                power = 0.5 * float(np.trace(square))
+        totals, weights, found = np.zeros(len(HARMONICS)), np.zeros(len(HARMONICS)), []
+        for i, where, fitted, waves, holds in self.parts:
+            seen = waves[fitted]
+            square = seen.T @ seen
+            # Averaged over whole periods sine and cosine are one.
+            square += (1e-9 * float(np.trace(square)) + 1e-300) * np.eye(len(square))
+            along = seen.T @ residual[where][fitted]
+            pairs = np.linalg.solve(square, along).reshape(-1, 2)
+            found.append((i, where, waves, square, along, pairs, holds))
+            if holds:
                 # One amplitude for all: a line that is in one recording only is none.
-                total += power * size
-                weight += power
-                found.append((i, where, waves[h], pair, size))
-            amplitudes[h] = total / weight if weight > 0.0 else 0.0
-            for i, where, wave, pair, size in found:
-                if size > 0.0:
-                    left[where] -= wave @ (pair * (amplitudes[h] / size))
-                if h == 0:
-                    phases[i] = float(np.arctan2(pair[1], pair[0]))
+                powers = 0.5 * np.diag(square).reshape(-1, 2).sum(axis=1)
+                totals += powers * np.hypot(*pairs.T)
+                weights += powers
+        amplitudes = totals / np.maximum(weights, 1e-300)
+        phases: dict[int, float] = {}
+        for i, where, waves, square, along, pairs, holds in found:
+            angles = np.arctan2(pairs[:, 1], pairs[:, 0])
+            if not holds:
+                angles = _phases(square, along, amplitudes)
+            left[where] -= waves @ (amplitudes * np.array([np.cos(angles), np.sin(angles)])
+                                    ).T.ravel()
+            phases[i] = float(angles[0])
         return Line(self.frequency, amplitudes, phases), left
+
+
+def _phases(square: np.ndarray, along: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
+    """
+    Return the phases (rad) of waves of known amplitudes, each without those before it.
+
+    ``square`` (2n, 2n) and ``along`` (2n,) are of the normal equations of n waves.
+    """
+    unit = np.array([np.cos(ANGLES), np.sin(ANGLES)])
+    angles, rest = np.zeros(len(amplitudes)), along.copy()
+    for h, amplitude in enumerate(amplitudes):
+        own = slice(2 * h, 2 * h + 2)
+        cost = (amplitude * np.einsum('ij,ik,kj->j', unit, square[own, own], unit)
+                - 2.0 * rest[own] @ unit)
+        best = int(np.argmin(cost))
+        before, here, after = cost[best - 1], cost[best], cost[(best + 1) % ANGLES.size]
+        bow = before - 2.0 * here + after
+        angles[h] = ANGLES[best] + (
+            ANGLES[1] * 0.5 * (before - after) / bow if bow > 0.0 else 0.0)
+        rest -= square[:, own] @ (amplitude * np.array([np.cos(angles[h]), np.sin(angles[h])]))
+    return angles
 
 
 def find_frequency(evidence: Evidence, residual: np.ndarray, rows: np.ndarray) -> float | None:
     """
     Return the frequency (Hz) of the line that explains most of a residual (N,), if any.
 
-    ``rows`` are the entries that may be seen.
+    Half of the recordings hold enough of its periods.  ``rows`` are the entries that may be seen.
     """
-    candidates, longest, lowest = [], 0.0, 0.0
+    candidates, longest, slowest = [], 0.0, []
     for (i, channel), where in zip(evidence.keys, spans(evidence)):
         if channel != CHANNEL:
             continue
@@ -99,7 +129,7 @@ def find_frequency(evidence: Evidence, residual: np.ndarray, rows: np.ndarray) -
         series = residual[where]
         dt = track.recording.period * track.factor
         longest = max(longest, dt * series.size)
-        lowest = max(lowest, SLOWEST / (dt * series.size))
+        slowest.append(SLOWEST / (dt * series.size))
         power = np.abs(np.fft.rfft((series - series.mean()) * np.hanning(series.size),
                                    4 * series.size)) ** 2 / series.size
         f = np.fft.rfftfreq(4 * series.size, dt)
@@ -119,7 +149,7 @@ def find_frequency(evidence: Evidence, residual: np.ndarray, rows: np.ndarray) -
 
     coarse = []
     for centre, width in candidates:
-        if centre >= lowest:
+        if centre >= np.median(slowest):
             coarse.append((fall(centre), centre, width))
     if not coarse:
         return None
