@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.back_coupling import suspect_block
 from piezo_stack_sim.gap.bursts import suspect_knocks
 from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_play
-from piezo_stack_sim.gap.evidence import prepare, quieter, reweigh
-from piezo_stack_sim.gap.fit import free_parameters
-from piezo_stack_sim.gap.forward import residuals, simulate_set
+from piezo_stack_sim.gap.evidence import of_any_colour, prepare, quieter, reweigh
+from piezo_stack_sim.gap.fit import Fitter, free_parameters
+from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set
+from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.score import Judge
+from piezo_stack_sim.gap.verdict import DEFAULTS
 from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -48,7 +51,6 @@ def a_set(device, channels=('voltage', 'charge', 'displacement')):
 @pytest.fixture(scope='module')
 def diagnosed(device):
     """Diagnose sets once, as several tests ask about the same."""
-    from piezo_stack_sim.gap import diagnose_set
     cache = {}
 
     def get(effects, channels=('voltage', 'charge', 'displacement'), scatter=0.0):
@@ -187,6 +189,29 @@ def test_noise_of_any_colour_is_told_from_a_gap(device, colour):
     many = np.mean([np.var(coloured(n, period, np.random.default_rng(k))[colour]
                            [:n // 50 * 50].reshape(-1, 50).mean(axis=1)) for k in range(20)])
     assert found.deviation(period, n, 50) == pytest.approx(2e-9 * np.sqrt(many), rel=0.25)
+
+
+def test_a_colour_that_shows_where_rows_are_averaged_is_no_gap(device):
+    random, recordings = np.random.default_rng(4), []
+    rows = [programmes.triangle(peaks=(30.0, 90.0), cycles=2), programmes.decay(),
+            programmes.steps(), programmes.force(cycles=3)]
+    for programme in rows:
+        answer = simulate(device, programme.time, programme.command, programme.external_force)
+        part = coloured(len(programme), programme.period, random)
+        # A sixth of the power is 1/f: from row to row that is next to nothing.
+        pink = (part['pink'] - 0.8 * part['white']) / 0.6
+        noise = 2e-9 * (0.92 * part['white'] + 0.4 * pink)
+        recordings.append(programme.replace(measured={'displacement':
+                                                      answer.displacement + noise}))
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    louder = of_any_colour(evidence, simulated)
+    residual = residuals(device, evidence)
+    white, any_colour = (Judge.from_residual(each, seen, seen).structure(seen) for each, seen in (
+        (evidence, residual), (louder, reweigh(evidence, louder)(residual))))
+    assert white > DEFAULTS.excess > any_colour
+    answer = diagnose_set(RecordingSet('bench', tuple(recordings)), device, traces=False).document
+    assert answer['verdict'] == 'NO_GAP'
 
 
 def test_the_zero_of_a_sensor_is_no_gap(device):
@@ -365,6 +390,11 @@ def knocks(time, x):
     return x
 
 
+def faint_knocks(time, x):
+    """Return a displacement with the same, hardly louder than its noise."""
+    return x + 0.2 * (knocks(time, x) - x)
+
+
 def jumps(time, x):
     """Return a displacement that is read at two levels."""
     return x + 5e-8 * (np.sin(2.0 * np.pi * 7.0 * time ** 1.3) > 0.0)
@@ -377,7 +407,8 @@ def sticks(time, x):
 
 @pytest.mark.parametrize('channels', [('displacement',), ('voltage', 'charge', 'displacement')])
 @pytest.mark.parametrize('spoil, effect, block', [
-    (knocks, None, 'environment'), (jumps, None, None), (sticks, None, None),
+    (knocks, None, 'environment'), (faint_knocks, None, 'environment'),
+    (jumps, None, None), (sticks, None, None),
     (None, 'friction', None), (None, 'sensor_lag', None), (None, 'mechanical_resonance', None)])
 def test_bursts_that_ring_are_knocks(device, spoil, effect, block, channels):
     target = device.with_effects({effect: EFFECTS[effect].typical()} if effect else {})
@@ -424,6 +455,31 @@ def test_play_and_clocks_are_told_from_what_a_sensor_does(device, spoil, play, c
     course = Course.of(evidence, simulated, block_residuals(device, evidence, simulated))
     suspects = suspect_play(course), suspect_clock(course)
     assert [suspect and suspect.block for suspect in suspects] == [play, clock]
+
+
+def test_what_a_late_sensor_leaves_of_a_wrong_clock_tells_the_clock(device):
+    recordings = [each.replace(measured={'displacement': skewed(each.measured['displacement'])})
+                  for each in a_set(device, ('displacement',)).recordings]
+    answer = diagnose_set(RecordingSet('bench', tuple(recordings)), device, traces=False).document
+    assert answer['verdict'] == 'UNKNOWN' and not answer['selected']
+    assert answer['where']['block'] == 'sensor'
+    assert 'sensor delay removes' in answer['reason'] and 'another speed' in answer['reason']
+
+
+@pytest.mark.parametrize('effect, spoil, block', [
+    (None, droop, 'sensor'), (None, lambda each: each, None),
+    ('creep', lambda each: each, None), ('friction', lambda each: each, None),
+    ('stiffness_hardening', lambda each: each, None)])
+def test_charge_was_measured_wrong_if_nothing_else_is_wrong_without_it(
+        device, effect, spoil, block):
+    truth = device.with_effects({effect: EFFECTS[effect].typical()} if effect else {})
+    recordings = [spoil(each) for each in a_set(truth).recordings]
+    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
+    fitter.prepare(parallel)
+    tuned = fitter.device_with({}, fitter.fit({}).phi)
+    cuts = block_residuals(tuned, fitter.evidence, simulate_set(tuned, recordings))
+    suspect = suspect_charge(fitter, cuts)
+    assert (suspect and suspect.block) == block
 
 
 def test_without_the_voltage_a_slow_driver_is_not_taken_for_a_force(device):

@@ -232,6 +232,29 @@ def test_a_second_effect_counts_that_shows_where_the_first_hardly_acts(
     assert decide(singles, [pair], 0.99, 20.0, [], kin=relatives).word == 'CAUSE'
 
 
+@pytest.mark.parametrize('removed, over, word', [
+    (0.9995, 140.0, 'MULTIPLE'),
+    (0.99, 140.0, 'CAUSE'),  # what is left may be the second's, or the form of the first
+    (0.9995, 30.0, 'CAUSE')])  # in too few rows to tell
+def test_two_that_leave_next_to_nothing_need_not_show_where_the_second_acts(removed, over, word):
+    # A hum is loud wherever a wrong gain is, which the nominal parameters had stood in for.
+    singles = [Ranked('periodic_disturbance', 2030.0, 0.94, 3, 0.1),
+               Ranked('sensor_gain', 4.0, 0.06, 1)]
+    pair = Ranked('periodic_disturbance+sensor_gain', 2115.0, removed, 4, 0.01, second=9.0,
+                  part=0.02, over=over)
+    assert decide(singles, [pair], 0.99, 380.0, []).word == word
+    relatives = {frozenset(pair.name.split('+'))}
+    assert decide(singles, [pair], 0.99, 380.0, [], kin=relatives).word == 'CAUSE'
+
+
+@pytest.mark.parametrize('removed, word', [(0.9985, 'CAUSE'), (0.9992, 'MULTIPLE')])
+def test_two_that_remove_less_than_one_only_bend_to_quiet_rows(removed, word):
+    singles = [Ranked('sensor_gain', 114.0, 0.9989, 1, 0.001), Ranked('mount_creep', 5.0, 0.1, 2)]
+    pair = Ranked('mount_creep+sensor_gain', 180.0, removed, 3, 0.0004, second=58.0, part=0.64,
+                  over=147.0, clear=60.0, clear_part=0.6)
+    assert decide(singles, [pair], 0.99, 80.0, []).word == word
+
+
 def test_what_the_form_of_a_cause_is_known_to_leave_out_is_no_second_cause():
     # A payload on a joint comes late, and the late may be due to a payload; not so a leak.
     def decided(first, second):

@@ -49,8 +49,8 @@ class Suspect:
     reason: str
 
 
-_MISREAD_CHARGE = Suspect('sensor', 'the charge is wrong and the displacement does not follow it: '
-                          'it was measured wrong')
+MISREAD_CHARGE = Suspect('sensor', 'the charge is wrong and the displacement does not follow it: '
+                         'it was measured wrong')
 NOT_FELT = Suspect('sensor', 'the displacement is wrong without the charge that a force on the '
                    'stack would move')
 _FORCED = Suspect('mechanical', 'displacement and charge are wrong together, as a force on the '
@@ -95,7 +95,7 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
     if max(before / quiet, through / still) < STANDS_OUT:
         return None
     if through < ASTRAY * min(before, after):
-        return _MISREAD_CHARGE
+        return MISREAD_CHARGE
     share, error = _share(np.array(parts))
     if after < FOLLOWS * before:
         return None

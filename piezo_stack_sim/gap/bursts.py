@@ -17,8 +17,8 @@ from piezo_stack_sim.gap.back_coupling import Suspect
 from scipy import signal, stats
 
 LOUD = 0.2  # power beyond that of the noise from which a recording counts
-RINGS = -0.5  # least autocorrelation of what swings through zero
-BURSTS = 8.0  # kurtosis of what comes in bursts; that of noise is 3
+RINGS = -0.4  # least autocorrelation of what swings through zero
+BURSTS = 12.0  # kurtosis of what comes in bursts; that of noise, which counts for none of it, is 3
 
 _KNOCKED = Suspect('environment', 'the displacement rings in bursts that no command calls for, as '
                    'of knocks on the table')
@@ -46,7 +46,9 @@ def suspect_knocks(cuts: Sequence[dict]) -> Suspect | None:
         likeness = signal.correlate(course, course, method='fft')[course.size - 1:]
         weights.append(loud * course.size)
         dips.append(likeness[1:course.size // 8].min() / (loud * course.size))
-        peaks.append(stats.kurtosis(course, fisher=False))
+        # What the bursts have of it: of a sum of independent parts the cumulants add up.
+        peaks.append((float(stats.kurtosis(course, fisher=True)) * (1.0 + loud) ** 2
+                      ) / loud ** 2 + 3.0)
     if not weights or np.average(dips, weights=weights) > RINGS:
         return None
     return _KNOCKED if np.average(peaks, weights=weights) > BURSTS else None

@@ -28,12 +28,13 @@ LAGS = (3e-5, 1e-4, 3e-4, 1e-3, 1e-2, 1e-1)  # s
 ADDS = 0.7  # part that plays, or a clock, may leave of what everything else leaves
 WITHOUT = 0.3  # part of the gap that this leaves at least
 LATER = 0.5  # part of the gap that a wrong clock may leave
+REST = 0.5  # part that a clock may leave of what a cause leaves, and everything else
 STEADILY = 0.1  # and part that the motion leaves at least: one that is always late is a lag
 
 _PLAY = Suspect('mechanical', 'what is wrong with the displacement depends on which way it last '
                 'moved, however fast: something has play or rubs')
-_CLOCK = Suspect('sensor', 'the displacement comes late by ever more: it was read by a clock that '
-                 'runs at another speed')
+CLOCK = Suspect('sensor', 'the displacement comes late by ever more: it was read by a clock that '
+                'runs at another speed')
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,14 @@ def suspect_clock(course: Course | None) -> Suspect | None:
         return None
     late = (course.history > STEADILY and course.left(course.clock) < LATER
             and course.left(course.plain, course.clock) < ADDS * course.history)
-    return _CLOCK if late else None
+    return CLOCK if late else None
+
+
+def speaks_for_clock(course: Course | None) -> Suspect | None:
+    """Return the sensor if what a cause leaves of the motion is late by ever more, or None."""
+    if course is None or course.gap < LOUD or course.history < WITHOUT:
+        return None
+    return CLOCK if course.left(course.plain, course.clock) < REST * course.history else None
 
 
 def suspect_play(course: Course | None) -> Suspect | None:

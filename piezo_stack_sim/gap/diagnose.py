@@ -20,6 +20,7 @@ from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.candidates import search_singles, weigh_anew
 from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
 from piezo_stack_sim.gap.document import build_document
+from piezo_stack_sim.gap.doubt import doubted
 from piezo_stack_sim.gap.evidence import prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set
@@ -124,10 +125,21 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     alike = isolability(fitter, search)
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
-    verdict, chosen = decision.verdict, decision.chosen(search)
     progress('writing it up')
-    devices = fitter.devices_of(chosen)
-    after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))
+
+    def corrected(fit):
+        devices = fitter.devices_of(fit)
+        return devices, parallel(lambda pair: simulate_channels(*pair),
+                                 zip(devices, checked.recordings))
+
+    chosen = decision.chosen(search)
+    devices, after = corrected(chosen)
+    believed = doubted(fitter, decision, fitter.device_with(chosen.effects, chosen.phi), after,
+                       thresholds)
+    if believed is not decision:
+        decision, chosen = believed, believed.chosen(search)
+        devices, after = corrected(chosen)
+    verdict = decision.verdict
     result = build_document(recordings.name, findings, fitter, search, decision, before, after,
                             flexible, thresholds, terminals and terminals.tuned)
     if ablate:

@@ -19,6 +19,7 @@ from piezo_stack_sim.gap.decision import count, Decision
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, gap_part, records_part, shrinkage_part)
@@ -105,6 +106,8 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
             suspect = suspect_play(course) or suspect
         elif suspect is OTHER_RATIO and is_plain(course):
             suspect = None  # a reading that the voltage leaks into does the same
+        else:
+            suspect = suspect or suspect_charge(fitter, cuts)
     last = suspect.block if suspect else where.last_cut(
         verdict.selected, singles[0].name, evidence.channels)
     fractions, blocks = where.shares(cuts, last, evidence.channels)

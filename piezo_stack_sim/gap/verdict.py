@@ -37,7 +37,8 @@ class Thresholds:
     second_form: float = 0.03  # or, if more, this part of what the first explains
     finish_form: float = 0.01  # and this where the two leave hardly anything of what one leaves
     finishes: float = 0.1  # part of what one leaves that is hardly anything
-    second_part: float = 0.25  # and the part of what the first leaves there
+    second_part: float = 0.22  # and the part of what the first leaves there
+    completes: float = 0.03  # or else part of what one leaves of the gap that two may leave
     finish_part: float = 0.1  # and this where the two leave hardly anything of what one leaves
     mended_part: float = 0.5  # and this beside a first whose form another mends
     clear: float = 50.0  # or else nats that it must explain where the first hardly acts
@@ -395,6 +396,9 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
                        for second in set(pair.name.split('+')) - mended)
         return (not relative and pair.part > t.mended_part and pair.over > 0.5 * t.second
                 and pair.second > max(t.second, t.finish_form * best.gain))
+    if (t.second < pair.over < math.inf and not _are_relatives(best, pair, kin)
+            and 1.0 - pair.removed < t.completes * (1.0 - best.removed)):
+        return True
     # What the form of the first misses is a part of what it explains, but leaves little.
     finishes = best.removed < t.alone and 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
     form = t.finish_form if finishes else t.second_form
@@ -416,16 +420,22 @@ def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,
     """
     return (best.name in pair.name.split('+') and best.removed > t.clear_first
             and pair.clear > t.clear and pair.clear_part > t.clear_part
-            and pair.over > 0.5 * t.second and not _are_relatives(best, pair, kin))
+            and pair.over > 0.5 * t.second and _loses_nothing(best, pair)
+            and not _are_relatives(best, pair, kin))
 
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
     # Else it fills in some cells what the form of the first misses, and no more.
     first = pair.beside or best
-    return second_explains(best, pair, t, kin) and (
+    return second_explains(best, pair, t, kin) and _loses_nothing(best, pair) and (
         pair.left <= t.still * first.left
         or 1.0 - pair.removed <= t.stays * (1.0 - first.removed))
+
+
+def _loses_nothing(best: Ranked, pair: Ranked) -> bool:
+    """Tell whether two remove as much as one: else they bend to what is quiet in many rows."""
+    return pair.removed >= best.removed
 
 
 def _are_relatives(best: Ranked, pair: Ranked, kin: Collection[frozenset[str]]) -> bool:

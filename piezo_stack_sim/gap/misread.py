@@ -1,0 +1,58 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the charge alone was measured wrong: without it, nothing is wrong.
+
+The nominal parameters are re-tuned to all channels together, so that a channel that lies makes
+the others wrong as well.  To be asked where nothing else tells the block: a spring, too, can pass
+for other nominal parameters as long as nobody listens to the charge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from piezo_stack_sim.gap.back_coupling import MISREAD_CHARGE, Suspect, suspect_block
+from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.forward import simulate_set, spans
+from piezo_stack_sim.gap.lens import plain
+from piezo_stack_sim.gap.where import block_residuals
+
+WRONG = 0.2  # power beyond that of the noise from which the displacement has a gap
+STAYS = 0.1  # part of it that may stay without the charge
+
+
+def suspect_charge(fitter: Fitter, cuts: Sequence[dict]) -> Suspect | None:
+    """
+    Return the sensor if the displacement is right once the charge is not listened to, or None.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        Of the set.
+    cuts : sequence of dict
+        Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`, re-tuned to all
+        channels.
+
+    """
+    evidence = fitter.evidence
+    before = _gap(cuts)
+    if before is None or before < WRONG:
+        return None
+    charge = np.concatenate([np.full(where.stop - where.start, channel == 'charge')
+                             for (_, channel), where in zip(evidence.keys, spans(evidence))])
+    deaf = fitter.through(plain(fitter.rows[~charge[fitter.rows]]))
+    tuned = fitter.device_with({}, deaf.fit({}).phi)
+    without = block_residuals(tuned, evidence, simulate_set(
+        tuned, [track.recording for track in evidence.tracks]))
+    after = _gap(without)
+    right = after is not None and after < max(STAYS * before, STAYS)
+    return MISREAD_CHARGE if right and suspect_block(without) is MISREAD_CHARGE else None
+
+
+def _gap(cuts: Sequence[dict]) -> float | None:
+    """Return the power of the displacement's gap beyond that of the noise, if charge is known."""
+    powers = [float(np.mean(wrong ** 2)) / noise ** 2
+              for wrong, noise in (cut['through'] for cut in cuts if 'through' in cut)]
+    return float(np.mean(powers)) - 1.0 if powers else None
