@@ -125,21 +125,11 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     alike = isolability(fitter, search)
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
+    decision = doubted(fitter, search, decision, thresholds)
+    verdict, chosen = decision.verdict, decision.chosen(search)
     progress('writing it up')
-
-    def corrected(fit):
-        devices = fitter.devices_of(fit)
-        return devices, parallel(lambda pair: simulate_channels(*pair),
-                                 zip(devices, checked.recordings))
-
-    chosen = decision.chosen(search)
-    devices, after = corrected(chosen)
-    believed = doubted(fitter, decision, fitter.device_with(chosen.effects, chosen.phi), after,
-                       thresholds)
-    if believed is not decision:
-        decision, chosen = believed, believed.chosen(search)
-        devices, after = corrected(chosen)
-    verdict = decision.verdict
+    devices = fitter.devices_of(chosen)
+    after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))
     result = build_document(recordings.name, findings, fitter, search, decision, before, after,
                             flexible, thresholds, terminals and terminals.tuned)
     if ablate:

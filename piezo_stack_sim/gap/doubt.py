@@ -4,20 +4,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
+from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.course import Course, speaks_for_clock
 from piezo_stack_sim.gap.decision import Decision
 from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.forward import parallel, simulate_channels
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.verdict import Thresholds, Verdict
 from piezo_stack_sim.gap.where import block_residuals
-from piezo_stack_sim.plant import Device
 
 
-def doubted(fitter: Fitter, decision: Decision, corrected: Device, after: Sequence[dict],
-            thresholds: Thresholds) -> Decision:
+def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds
+            ) -> Decision:
     """
     Return a decision, or UNKNOWN where what its cause leaves tells of something else.
 
@@ -28,21 +28,24 @@ def doubted(fitter: Fitter, decision: Decision, corrected: Device, after: Sequen
     ----------
     fitter : Fitter
         With which all was fitted.
+    search : Search
+        All fits.
     decision : Decision
         What was decided.
-    corrected : Device
-        The nominal device with the cause.
-    after : sequence of dict
-        Channel to (n,) array for each recording, from that.
     thresholds : Thresholds
         What was learned on the development set.
 
     """
-    verdict, singles = decision.verdict, decision.singles
-    named = next((one for one in singles if (one.name,) == verdict.selected), None)
+    verdict, best = decision.verdict, decision.singles[0]
+    named = next((one for one in decision.singles if (one.name,) == verdict.selected), None)
+    if verdict.word == 'UNKNOWN' and verdict.block is None and best.removed > thresholds.half:
+        named = best
     if named is None or named.removed > thresholds.clear_first:
         return decision
-    cuts = block_residuals(corrected, fitter.evidence, after)
+    fit = search.correction(named.name)
+    after = parallel(lambda pair: simulate_channels(*pair), zip(
+        fitter.devices_of(fit), [track.recording for track in fitter.evidence.tracks]))
+    cuts = block_residuals(fitter.device_with(fit.effects, fit.phi), fitter.evidence, after)
     suspect = speaks_for_clock(Course.of(fitter.evidence, after, cuts))
     if suspect is None:
         return decision

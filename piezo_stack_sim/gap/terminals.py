@@ -177,7 +177,7 @@ def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],
     fitter = Fitter(device, evidence)
     fitter.prepare(parallel)
     search = search_singles(fitter, progress, names, known)
-    return Part(search, decide_search(fitter, search, judge_of(fitter, search), 1.0,
+    return Part(search, decide_search(fitter, search, judge_of(fitter, search), 0.0,
                                       isolability(fitter, search), thresholds, progress))
 
 

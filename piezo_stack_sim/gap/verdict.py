@@ -31,6 +31,7 @@ class Thresholds:
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
     explained: float = 0.55  # part of the gap that a cause must remove, pooled or by all tracks
     half: float = 0.5  # and the part pooled over the channels, where there is anything to remove
+    flexible: float = 0.5  # part of what a cause leaves that a flexible correction may leave
     trace: float = 0.05  # part removed up to which there is hardly anything
     most: float = 0.75  # part that another must remove to come before a best that is poor
     second: float = 40.0  # nats that a second effect must explain where it acts
@@ -38,6 +39,7 @@ class Thresholds:
     finish_form: float = 0.01  # and this where the two leave hardly anything of what one leaves
     finishes: float = 0.1  # part of what one leaves that is hardly anything
     second_part: float = 0.22  # and the part of what the first leaves there
+    loses: float = 1.2  # times what one leaves of the gap that two may leave
     completes: float = 0.03  # or else part of what one leaves of the gap that two may leave
     finish_part: float = 0.1  # and this where the two leave hardly anything of what one leaves
     mended_part: float = 0.5  # and this beside a first whose form another mends
@@ -45,7 +47,7 @@ class Thresholds:
     clear_part: float = 0.45  # and the part of what is left there
     clear_first: float = 0.9  # where the first removes so much: else what is left may be anything
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
-    stays: float = 0.4  # or else, by the power of the gap
+    stays: float = 0.75  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
     as_good: float = 0.85  # part of what one removes that a look-alike removes as well
@@ -272,6 +274,9 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     explained = max(best.removed, 1.0 - best.left)
     clear = best.gain > t.sure and structure < t.excess  # small, but not chance
     poor = best.removed < t.half and not (clear and best.removed < t.trace)
+    # What a few dozen features predict of withheld rows, the right effect does, too.
+    poor |= (structure > t.excess and best.removed < t.clear_first
+             and 1.0 - ceiling < t.flexible * (1.0 - best.removed))
     if poor or not clear and (best.gain < t.detect + 2.0 * best.parameters
                               or explained < t.explained):
         if structure < t.excess and not clear:
@@ -420,22 +425,26 @@ def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,
     """
     return (best.name in pair.name.split('+') and best.removed > t.clear_first
             and pair.clear > t.clear and pair.clear_part > t.clear_part
-            and pair.over > 0.5 * t.second and _loses_nothing(best, pair)
-            and not _are_relatives(best, pair, kin))
+            and pair.over > 0.5 * t.second and not _are_relatives(best, pair, kin))
 
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
     # Else it fills in some cells what the form of the first misses, and no more.
     first = pair.beside or best
-    return second_explains(best, pair, t, kin) and _loses_nothing(best, pair) and (
+    return second_explains(best, pair, t, kin) and _loses_little(best, pair, t) and (
         pair.left <= t.still * first.left
         or 1.0 - pair.removed <= t.stays * (1.0 - first.removed))
 
 
-def _loses_nothing(best: Ranked, pair: Ranked) -> bool:
-    """Tell whether two remove as much as one: else they bend to what is quiet in many rows."""
-    return pair.removed >= best.removed
+def _loses_little(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether two remove as much as one, or the second shows where the first hardly acts.
+
+    Else they bend to what the form of the first misses where that is quiet, in many rows.
+    """
+    return (1.0 - pair.removed <= t.loses * (1.0 - best.removed)
+            or pair.clear > t.clear and pair.clear_part > t.clear_part)
 
 
 def _are_relatives(best: Ranked, pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
