@@ -8,8 +8,9 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.back_coupling import suspect_block
-from piezo_stack_sim.gap.bursts import suspect_knocks
-from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_play
+from piezo_stack_sim.gap.blackbox import lagged
+from piezo_stack_sim.gap.bursts import suspect_bursts
+from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_heat, suspect_play
 from piezo_stack_sim.gap.evidence import of_any_colour, prepare, quieter, reweigh
 from piezo_stack_sim.gap.fit import Fitter, free_parameters
 from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set
@@ -408,9 +409,9 @@ def sticks(time, x):
 @pytest.mark.parametrize('channels', [('displacement',), ('voltage', 'charge', 'displacement')])
 @pytest.mark.parametrize('spoil, effect, block', [
     (knocks, None, 'environment'), (faint_knocks, None, 'environment'),
-    (jumps, None, None), (sticks, None, None),
+    (jumps, None, None), (sticks, None, 'sensor'),
     (None, 'friction', None), (None, 'sensor_lag', None), (None, 'mechanical_resonance', None)])
-def test_bursts_that_ring_are_knocks(device, spoil, effect, block, channels):
+def test_bursts_that_ring_are_knocks_and_others_are_readings_that_stick(device, spoil, effect, block, channels):
     target = device.with_effects({effect: EFFECTS[effect].typical()} if effect else {})
     recordings = a_set(target, channels).recordings
     if spoil:
@@ -418,8 +419,9 @@ def test_bursts_that_ring_are_knocks(device, spoil, effect, block, channels):
             'displacement': spoil(each.time, each.measured['displacement'])})
             for each in recordings]
     simulated = simulate_set(device, recordings)
-    cuts = block_residuals(device, prepare(recordings, simulated), simulated)
-    suspect = suspect_knocks(cuts)
+    evidence = prepare(recordings, simulated)
+    cuts = block_residuals(device, evidence, simulated)
+    suspect = suspect_bursts(cuts, Course.of(evidence, simulated, cuts))
     assert (suspect and suspect.block) == block
 
 
@@ -443,9 +445,15 @@ def skewed(x):
     return np.interp(0.997 * row, row, x)
 
 
+def far_skewed(x):
+    """Return a displacement that is read by a clock that runs 3 % slow: at the end all is late."""
+    row = np.arange(x.size)
+    return np.interp(0.97 * row, row, x)
+
+
 @pytest.mark.parametrize('spoil, play, clock', [
     (has_play, 'mechanical', None), (comes_late, None, None), (skewed, None, 'sensor'),
-    (lambda x: 1.01 * x, None, None), (lambda x: x, None, None)])
+    (far_skewed, None, 'sensor'), (lambda x: 1.01 * x, None, None), (lambda x: x, None, None)])
 def test_play_and_clocks_are_told_from_what_a_sensor_does(device, spoil, play, clock):
     recordings = [each.replace(measured={
         **each.measured, 'displacement': spoil(each.measured['displacement'])})
@@ -455,6 +463,30 @@ def test_play_and_clocks_are_told_from_what_a_sensor_does(device, spoil, play, c
     course = Course.of(evidence, simulated, block_residuals(device, evidence, simulated))
     suspects = suspect_play(course), suspect_clock(course)
     assert [suspect and suspect.block for suspect in suspects] == [play, clock]
+
+
+def warms(time, x):
+    """Return a displacement that grows by the power of the motion of the last 0.2 s."""
+    dt = time[1] - time[0]
+    return x * (1.0 + 3e3 * lagged(np.gradient(x, dt) ** 2, 0.2 / dt))
+
+
+@pytest.mark.parametrize('spoil, block', [
+    (warms, 'transducer'), (lambda time, x: 1.01 * x, None), (lambda time, x: x, None),
+    (lambda time, x: comes_late(x), None), (lambda time, x: has_play(x), None),
+    (lambda time, x: skewed(x), None)])
+def test_a_stack_that_heats_itself_is_told_by_the_power_of_its_motion(device, spoil, block):
+    programme = [programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine(),
+                 programmes.steps(hold=2.0)]
+    clean = [measure(device, each, ('displacement',), seed) for seed, each in enumerate(programme)]
+    simulated = simulate_set(device, clean)
+    recordings = [each.replace(measured={'displacement': each.measured['displacement'] + spoil(
+        each.time, answer['displacement']) - answer['displacement']})
+        for each, answer in zip(clean, simulated)]
+    evidence = prepare(recordings, simulated)
+    suspect = suspect_heat(Course.of(
+        evidence, simulated, block_residuals(device, evidence, simulated)))
+    assert (suspect and suspect.block) == block
 
 
 def test_what_a_late_sensor_leaves_of_a_wrong_clock_tells_the_clock(device):

@@ -5,7 +5,8 @@
 from dataclasses import replace
 
 from piezo_stack_sim.gap.isolability import Alike
-from piezo_stack_sim.gap.verdict import decide, outscored, probabilities, Ranked, tie_pairs
+from piezo_stack_sim.gap.verdict import (
+    Cut, decide, outscored, probabilities, Ranked, tie_pairs)
 import pytest
 
 
@@ -58,7 +59,11 @@ def test_relatives_are_left_open_where_one_channel_was_measured():
 
 @pytest.mark.parametrize('best, structure, word', [
     (Ranked('a', 500.0, 0.99, 1), 20.0, 'CAUSE'),
-    (Ranked('a', 3.0, 0.99, 1), 0.05, 'NO_GAP'),
+    (Ranked('a', 15.0, 0.96, 2), 2e4, 'CAUSE'),  # a drift: few rows, but all of the gap
+    (Ranked('a', 15.0, 0.80, 2), 2e4, 'UNKNOWN'),
+    (Ranked('a', 300.0, 0.0, 3, 0.0), 0.2, 'CAUSE'),  # a gap in one recording, none as a whole
+    (Ranked('a', 300.0, 0.0, 3, 0.0, 0.2), 0.2, 'UNKNOWN'),  # of which it leaves all
+    (Ranked('a', 800.0, 0.61, 1, 0.67, 3e4), 1e5, 'UNKNOWN'),  # hardly likely the whole cause
     (Ranked('a', 500.0, 0.20, 1), 20.0, 'UNKNOWN'),
     (Ranked('a', 500.0, 0.40, 1, 0.3), 20.0, 'UNKNOWN'),  # it leaves the half of a channel
     (Ranked('a', 100.0, 0.40, 1), 0.05, 'UNKNOWN'),
@@ -66,6 +71,23 @@ def test_relatives_are_left_open_where_one_channel_was_measured():
     (Ranked('a', 3.0, 0.01, 1), 20.0, 'UNKNOWN')])
 def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, word):
     assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
+
+
+@pytest.mark.parametrize('ceiling, word', [(0.0, 'NO_GAP'), (0.3, 'NO_GAP'), (0.8, 'UNKNOWN')])
+def test_noise_is_nothing_that_the_command_could_predict(ceiling, word):
+    verdict = decide([Ranked('a', 3.0, 0.0, 1), Ranked('z', -10.0, 0.0, 1)], [], ceiling, 0.0, [])
+    assert verdict.word == word
+    assert word == 'NO_GAP' or 'a flexible correction 80 %' in verdict.reason
+
+
+@pytest.mark.parametrize('removed, excess, word', [
+    (0.99, 0.3, 'MULTIPLE'), (0.02, 5e5, 'UNKNOWN'), (0.02, 0.05, 'MULTIPLE')])
+def test_two_effects_that_leave_most_of_a_gap_are_none(removed, excess, word):
+    singles = [Ranked('sensor_nonlinearity', 17.0, 0.02, 2, 0.74, 5e5),
+               Ranked('parallel_stiffness', 5.0, -0.1, 1, 1.0, 5e5)]
+    pair = Ranked('parallel_stiffness+sensor_nonlinearity', 90.0, removed, 3, 0.3, excess,
+                  second=61.0, part=0.97, over=25.0)
+    assert decide(singles, [pair], 0.99, 5e5, []).word == word
 
 
 def test_who_removes_most_of_a_gap_comes_before_who_predicts_more_rows_and_removes_little():
@@ -184,6 +206,32 @@ def test_a_pair_found_late_that_does_better_takes_the_place_of_the_first(stop_an
     # Not one that predicts more rows but leaves much more of the gap.
     poor = tie_pairs(verdict, [*pairs, pair('contact+sensor_lag', 600.0, 0.93)], singles)
     assert poor.selected == ('contact', 'sensor_delay') and not poor.tie
+
+
+def test_pairs_that_do_as_well_where_they_act_are_told_by_all_rows(stop_and_delay):
+    singles, pair = stop_and_delay
+    near = replace(pair('contact+sensor_delay', 605.0), gain=960.0)
+    pairs = [near, pair('contact+sensor_lag', 600.0)]
+    verdict = tie_pairs(decide(singles, pairs, 0.99, 50.0, []), pairs, singles)
+    assert verdict.tie == ('sensor_lag', 'sensor_delay')
+
+
+def test_behind_the_terminals_the_form_of_a_driver_does_not_mislead():
+    singles = [Ranked('contact', 400.0, 0.79, 2, 0.3), Ranked('amplifier_gain', 300.0, 0.6, 2, 0.5)]
+    stop, bow = (Ranked(f'amplifier_gain+{name}', gain, 0.994, 4, 0.08, second=500.0, part=0.4,
+                        over=over) for name, gain, over in (
+                            ('contact', 700.0, 900.0), ('stiffness_hardening', 650.0, 1900.0)))
+    cut = Cut(True, stop.name, 0.99, chances={stop.name: 0.75, bow.name: 0.25})
+    verdict = decide(singles, [bow, stop], 0.99, 3e4, [], cut=cut)
+    told = tie_pairs(verdict, [bow, stop], singles, cut=cut)
+    assert told.selected == ('contact', 'amplifier_gain')
+    assert told.tie == ('contact', 'stiffness_hardening')
+    assert told.pairs[stop.name] == pytest.approx(3.0 * told.pairs[bow.name])
+    # Where it is not clear what lies behind them, the whole chain tells.
+    vague = replace(cut, removed=0.6)
+    verdict = tie_pairs(decide(singles, [stop, bow], 0.99, 3e4, [], cut=vague), [bow, stop],
+                        singles, cut=vague)
+    assert set(verdict.selected) == {'amplifier_gain', 'stiffness_hardening'}
 
 
 def test_a_second_effect_counts_past_the_form_of_the_first():

@@ -29,4 +29,6 @@ EFFECT = Effect(
         Parameter('lower', 'V', -math.inf, -1000.0, 50.0, 0.0, 'lowest voltage'),
         Parameter('upper', 'V', math.inf, 1.0, 2000.0, 75.0, 'highest voltage', scale='log'),
     ),
-    apply, channels=('voltage', 'charge', 'displacement'))
+    apply, channels=('voltage', 'charge', 'displacement'),
+    # A soft knee stops short near the top, as what is behind it might.
+    form_like=('contact', 'stiffness_hardening'))

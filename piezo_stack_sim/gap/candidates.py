@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+import itertools
 import math
 from types import MappingProxyType
 from typing import NamedTuple
@@ -27,7 +28,7 @@ from piezo_stack_sim.gap.swings import FALLEN, find_history
 
 PLACES = 2  # places of an effect from which a fit sets out
 SWUNG_PLACES = 4  # and of one that is a history of swings, from which those are searched
-OUTDONE = 0.7  # part of the cost of an effect with which its relative shows it where to start
+OUTDONE = 0.95  # part of the cost of an effect with which its relative shows it where to start
 NEAR = 0.6  # promise of a second place, against the first, that makes it worth a fit
 PROMISING = 0.03  # part of the best promise that earns an effect a fit
 FIELD = 9  # effects that get one in any case: a linear look underrates what is not linear
@@ -170,15 +171,37 @@ def times_of(names: Collection[str]) -> dict[str, str]:
 
 def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndarray]]:
     """
-    Return places for effects of one time from where another such effect fares far better.
+    Return places for effects from where a relative fares better.
 
-    A delay and a lag do much the same, but between none and the right one there may be a hill.
+    A delay and a lag do much the same, but between none and the right one there may be a hill.  A
+    current limit of a driver is hardly seen as long as its output resistance is far off.
     """
     times = times_of(search.fits)
     best = min(times, key=lambda name: search.fits[name].cost, default='')
-    return [(name, {times[name]: search.fits[best].effects[best][times[best]]},
-             search.fits[best].phi)
-            for name in times if search.fits[best].cost < OUTDONE * search.fits[name].cost]
+    places = [(name, {times[name]: search.fits[best].effects[best][times[best]]},
+               search.fits[best].phi)
+              for name in times if _outdoes(search, best, name)]
+    for name, other in itertools.permutations(search.fits, 2):
+        shared = _shared(name, other) if _outdoes(search, other, name) else {}
+        if shared:
+            known = {key: min(max(search.fits[other].effects[other][key], low), high)
+                     for key, (low, high) in shared.items()}
+            places += [(name, {**probe.place, **known}, search.fits[other].phi)
+                       for probe in _distinct(search.probes[name])[:PLACES]]
+    return places
+
+
+def _outdoes(search: Search, other: str, name: str) -> bool:
+    return search.fits[other].cost < OUTDONE * search.fits[name].cost
+
+
+def _shared(name: str, other: str) -> dict[str, tuple[float, float]]:
+    """Return what shapes an effect and another of its block has, too, by name, with its bounds."""
+    if EFFECTS[name].block != EFFECTS[other].block:
+        return {}
+    theirs = {p.name for p in EFFECTS[other].parameters}
+    return {p.name: (p.lower, p.upper) for p in EFFECTS[name].parameters
+            if p.name in theirs and not p.magnitude}
 
 
 def _distinct(probes: list[Probe]) -> list[Probe]:

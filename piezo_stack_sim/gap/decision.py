@@ -248,7 +248,7 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     verdict = decide(singles, [*pairs, *hidden], ceiling, structure, alike.groups, thresholds,
                      alike.kin, cut)
     if (verdict.word == 'UNKNOWN' and cut is None and best.removed < thresholds.half
-            and _without_colour(fitter, search, judge) < thresholds.excess):
+            and structure > thresholds.excess and _without_colour(fitter, search, judge) < thresholds.excess):
         verdict = Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal parameters '
                           'within their uncertainty is noise, the colour of which shows where '
                           'rows are averaged', thresholds.nothing, 1.0 - thresholds.nothing)
@@ -266,5 +266,5 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
             # And more than one that shows where the first hardly acts.
             rivals = [pair for pair in pairs if pair.name == name
                       or stands_clear(best, pair, thresholds, alike.kin)]
-        verdict = tie_pairs(verdict, rivals, singles, thresholds)
+        verdict = tie_pairs(verdict, rivals, singles, thresholds, cut)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

@@ -12,9 +12,10 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
 from piezo_stack_sim.gap.back_coupling import NOT_FELT, OTHER_RATIO, suspect_block
-from piezo_stack_sim.gap.bursts import suspect_knocks
+from piezo_stack_sim.gap.bursts import suspect_bursts
 from piezo_stack_sim.gap.candidates import Search
-from piezo_stack_sim.gap.course import Course, is_plain, suspect_clock, suspect_play
+from piezo_stack_sim.gap.course import (
+    Course, is_plain, suspect_clock, suspect_heat, suspect_play)
 from piezo_stack_sim.gap.decision import count, Decision
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
@@ -101,13 +102,13 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     suspect = None
     if verdict.word in UNNAMED and verdict.block is None:
         course = Course.of(evidence, simulated, cuts)
-        suspect = suspect_clock(course) or suspect_knocks(cuts) or suspect_block(cuts)
+        suspect = suspect_clock(course) or suspect_bursts(cuts, course) or suspect_block(cuts)
         if suspect is NOT_FELT:
             suspect = suspect_play(course) or suspect
         elif suspect is OTHER_RATIO and is_plain(course):
             suspect = None  # a reading that the voltage leaks into does the same
         else:
-            suspect = suspect or suspect_charge(fitter, cuts)
+            suspect = suspect or suspect_heat(course) or suspect_charge(fitter, cuts)
     last = suspect.block if suspect else where.last_cut(
         verdict.selected, singles[0].name, evidence.channels)
     fractions, blocks = where.shares(cuts, last, evidence.channels)

@@ -7,13 +7,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from piezo_stack_sim.gap.candidates import Search
-from piezo_stack_sim.gap.course import Course, speaks_for_clock
+from piezo_stack_sim.gap.course import CLOCK, Course, skewed, speaks_for_clock
 from piezo_stack_sim.gap.decision import Decision
-from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_channels
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.verdict import Thresholds, Verdict
 from piezo_stack_sim.gap.where import block_residuals
+
+REST = 0.5  # part that a clock may leave of what a cause leaves
 
 
 def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds
@@ -42,14 +44,23 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
         named = best
     if named is None or named.removed > thresholds.clear_first:
         return decision
-    fit = search.correction(named.name)
-    after = parallel(lambda pair: simulate_channels(*pair), zip(
-        fitter.devices_of(fit), [track.recording for track in fitter.evidence.tracks]))
-    cuts = block_residuals(fitter.device_with(fit.effects, fit.phi), fitter.evidence, after)
-    suspect = speaks_for_clock(Course.of(fitter.evidence, after, cuts))
+    # What a clock explains that the cause does not, or what is left beside the cause.
+    if skewed(_course(fitter, search.nominal)) < REST * (1.0 - named.removed):
+        suspect = CLOCK
+    else:
+        suspect = speaks_for_clock(_course(fitter, search.correction(named.name)))
     if suspect is None:
         return decision
     sure = thresholds.unknown
     return replace(decision, verdict=Verdict(
         'UNKNOWN', (), (), f'{words(named.name)} removes {100.0 * named.removed:.0f} % of the '
         f'removable gap, and of the rest {suspect.reason}', sure, 1.0 - sure, suspect.block))
+
+
+def _course(fitter: Fitter, fit: Fit) -> Course | None:
+    """Return what is wrong with the displacement beside a fit, and what it may depend on."""
+    evidence = fitter.evidence
+    after = parallel(lambda pair: simulate_channels(*pair), zip(
+        fitter.devices_of(fit), [track.recording for track in evidence.tracks]))
+    cuts = block_residuals(fitter.device_with(fit.effects, fit.phi), evidence, after)
+    return Course.of(evidence, after, cuts)

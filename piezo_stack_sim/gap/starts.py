@@ -19,9 +19,10 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import spans
 
-MOST = 12  # places from which an effect is looked at
+MOST = 20  # places from which an effect is looked at
 STRENGTHS = (0.05, 0.4, 1.5)  # of a typical strength, for an effect with one number
 STRENGTH = 0.3  # for one with several
+LADDER = tuple(200.0 * 1.25 ** i for i in range(18))  # Hz: a resonance is found from close by
 PERIODS = (0.4, 1.0, 2.5)  # of the time between two rows, for a lag
 
 
@@ -180,8 +181,7 @@ def _choices(parameter: Parameter, extent: Extent) -> list[float]:
         return inside(parameter.tries)
     unit = parameter.unit
     if unit == 'Hz':
-        wanted = [*extent.frequencies[:2], 300.0, 700.0, 1700.0, 4000.0, 9000.0]
-        return inside(wanted)
+        return inside([*extent.frequencies[:2], *LADDER])
     if math.isinf(parameter.neutral):
         if unit == 'V':
             edge = extent.voltage[1] if parameter.neutral > 0 else extent.voltage[0]

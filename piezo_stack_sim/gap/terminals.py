@@ -23,9 +23,9 @@ from piezo_stack_sim.gap.evidence import Evidence, prepare, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
-from piezo_stack_sim.gap.pairs import add_pair
+from piezo_stack_sim.gap.pairs import add_pair, pair_of
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.verdict import Cut, Thresholds
+from piezo_stack_sim.gap.verdict import Cut, probabilities, Thresholds
 from piezo_stack_sim.gap.voltage import driven_by_voltage, FINE
 from piezo_stack_sim.plant import Device
 
@@ -114,7 +114,10 @@ class Terminals:
         progress('fitting what both sides of the terminals told')
         second = self.behind.best
         pair = add_pair(fitter, search, {**self.before.best.effects, **second.effects}, second.phi)
-        return Cut(True, pair, removed, resembling, supported)
+        driver, = self.before.best.effects
+        chances = probabilities(singles, thresholds, self.behind.decision.alike.groups)
+        return Cut(True, pair, removed, resembling, supported, {
+            pair_of(driver, each.name): float(chance) for each, chance in zip(singles, chances)})
 
 
 def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,

@@ -32,6 +32,8 @@ class Thresholds:
     explained: float = 0.55  # part of the gap that a cause must remove, pooled or by all tracks
     half: float = 0.5  # and the part pooled over the channels, where there is anything to remove
     flexible: float = 0.5  # part of what a cause leaves that a flexible correction may leave
+    predicted: float = 0.5  # part of a gap within the noise that a flexible correction may remove
+    believed: float = 0.35  # odds of a cause below which it is none
     trace: float = 0.05  # part removed up to which there is hardly anything
     most: float = 0.75  # part that another must remove to come before a best that is poor
     second: float = 40.0  # nats that a second effect must explain where it acts
@@ -91,9 +93,13 @@ class Ranked:
     over: float = math.inf  # nats by which it is better than any single effect
     beside: Ranked | None = None  # the first with another that mends its form, if it has one
 
-    def odds(self, learned: tuple[float, float, float]) -> float:
-        """Return the learned probability that this is the whole cause, all rivals apart."""
-        stays = 1.0 - min(max(self.removed, 0.0), 1.0)
+    def odds(self, learned: tuple[float, float, float], hidden: bool = False) -> float:
+        """
+        Return the learned probability that this is the whole cause, all rivals apart.
+
+        Of a ``hidden`` gap, which no channel shows as a whole, there is no part to remove.
+        """
+        stays = min(max(self.excess if hidden else 1.0 - self.removed, 0.0), 1.0)
         total = learned[0] + learned[1] * stays + learned[2] * math.log10(
             1.0 + max(self.excess, 0.0))
         return 1.0 / (1.0 + math.exp(-total))
@@ -184,7 +190,8 @@ class Cut:
     of that with what clearly acts behind the terminals ('' for nothing), ``removed`` the part
     of the gap behind them that this removes, ``resembling`` are effects that look much alike on
     one side, by twos, ``supported`` are effects behind the terminals that explain anything there,
-    or of which hardly anything is seen there.
+    or of which hardly anything is seen there, ``chances`` how likely such pairs are, by what lies
+    behind the terminals alone.
     """
 
     known: bool
@@ -192,6 +199,7 @@ class Cut:
     removed: float = 0.0
     resembling: frozenset[frozenset[str]] = frozenset()
     supported: frozenset[str] = frozenset()
+    chances: Mapping[str, float] = field(default_factory=dict)
 
     def allows(self, effect: str) -> bool:
         """Tell whether a second effect could explain anything on its side of the terminals."""
@@ -263,6 +271,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         needed = (counts(best, pair, t, kin)
                   and not _is_in_the_shade(best, pair, pairs, t, kin))
         if ((needed or stands_clear(best, pair, t, kin))
+                and (pair.removed >= t.half or pair.excess < t.excess)
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
             sure = pair.odds(t.two)
             why = _why_two(best, pair) if needed else _why_clear(best, pair)
@@ -272,25 +281,31 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     chance = probabilities(singles, t, classes)
     best = singles[0]
     explained = max(best.removed, 1.0 - best.left)
-    clear = best.gain > t.sure and structure < t.excess  # small, but not chance
-    poor = best.removed < t.half and not (clear and best.removed < t.trace)
+    # Small, but not chance: it hardly stands out, or leaves nothing that does.
+    clear = best.gain > t.sure and min(structure, best.excess) < t.excess
+    hidden = clear and best.removed < t.trace
+    poor = best.removed < t.half and not hidden
     # What a few dozen features predict of withheld rows, the right effect does, too.
-    poor |= (structure > t.excess and best.removed < t.clear_first
+    poor |= (structure > t.excess and best.removed < t.clear_first and not hidden
              and 1.0 - ceiling < t.flexible * (1.0 - best.removed))
-    if poor or not clear and (best.gain < t.detect + 2.0 * best.parameters
-                              or explained < t.explained):
-        if structure < t.excess and not clear:
-            return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
-                           'parameters within their uncertainty is noise', t.nothing,
-                           1.0 - t.nothing)
+    # A drift has hardly any rows that are independent, but may be all that is wrong.
+    obvious = structure > t.excess and best.removed > t.clear_first and best.gain > 0.0
+    weak = not clear and not obvious and (best.gain < t.detect + 2.0 * best.parameters
+                                          or explained < t.explained)
+    if structure < t.excess and not clear and (poor or weak) and ceiling < t.predicted:
+        return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
+                       'parameters within their uncertainty is noise', t.nothing,
+                       1.0 - t.nothing)
+    if poor or weak or best.odds(t.one, hidden) < t.believed:
         known = (f'the best effect, {words(best.name)}, removes {_percent(best.removed)} of the '
                  'removable gap' if best.gain > 0.0 else 'no effect removes any of it')
-        return Verdict('UNKNOWN', (), (), f'structure of {significant(1.0 + structure)} times the '
-                       f'noise power is left; {known}, a flexible correction '
+        left = ('no recording stands out of the noise' if structure < t.excess else
+                f'structure of {significant(1.0 + structure)} times the noise power is left')
+        return Verdict('UNKNOWN', (), (), f'{left}; {known}, a flexible correction '
                        f'{_percent(ceiling)}', t.unknown, 1.0 - t.unknown)
     tie = tie_of(singles, chance, classes, t)
     named = next(r for r in singles if r.name == tie[0])
-    sure = named.odds(t.one)
+    sure = named.odds(t.one, hidden)
     among = sure * float(sum(c for r, c in zip(singles, chance) if r.name in tie))
     if len(tie) >= t.too_many:
         return Verdict('NOT_IDENTIFIABLE', (), tie, f'{len(tie)} effects explain the gap about '
@@ -349,7 +364,7 @@ def _why_clear(best: Ranked, pair: Ranked) -> str:
 
 
 def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
-              thresholds: Thresholds = DEFAULTS) -> Verdict:
+              thresholds: Thresholds = DEFAULTS, cut: Cut | None = None) -> Verdict:
     """
     Return the verdict of two causes with the pairs that explain the gap as well.
 
@@ -361,6 +376,8 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
         Those that were looked at, that pair among them.
     thresholds : Thresholds, optional
         What was learned on the development set.
+    cut : Cut, optional
+        What a look at both sides of the terminals told.
 
     """
     t = thresholds
@@ -368,10 +385,11 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
     most = t.alike * (1.0 - chosen.removed) + 0.01
     able = [chosen, *(pair for pair in pairs if pair.over < math.inf
                       and 1.0 - pair.removed < most and pair is not chosen)]
-    best = max(pair.over for pair in able)
-    misled = t.temperature + t.alike_pair * max(best, 0.0)
-    weight = {pair: math.exp((pair.over - best) / misled - t.occam * pair.parameters)
-              for pair in able}
+    if cut is not None and cut.pair == chosen.name and cut.removed >= t.behind:
+        # Driven by the measured voltage no form of a driver misleads.
+        weight = {pair: cut.chances.get(pair.name, 0.0) for pair in able}
+    else:
+        weight = _weights(able, t)
     likeliest = sorted(weight, key=lambda pair: -weight[pair])
     tied = [pair for pair in likeliest if weight[pair] >= t.as_likely * weight[likeliest[0]]]
     total = sum(weight[pair] for pair in tied)
@@ -386,6 +404,15 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
                                 if name not in common)),
         reason=reason,
         pairs={pair.name: verdict.confidence * weight[pair] / total for pair in tied})
+
+
+def _weights(pairs: list[Ranked], t: Thresholds) -> dict[Ranked, float]:
+    """Return how likely pairs are against each other: by where they act, and by all rows."""
+    over, gain = max(pair.over for pair in pairs), max(pair.gain for pair in pairs)
+    there = t.temperature + t.alike_pair * max(over, 0.0)
+    rows = t.temperature + t.alike_form * max(gain, 0.0)
+    return {pair: math.exp((pair.over - over) / there + (pair.gain - gain) / rows
+                           - t.occam * pair.parameters) for pair in pairs}
 
 
 def _percent(part: float) -> str:
