@@ -411,7 +411,8 @@ def sticks(time, x):
     (knocks, None, 'environment'), (faint_knocks, None, 'environment'),
     (jumps, None, None), (sticks, None, 'sensor'),
     (None, 'friction', None), (None, 'sensor_lag', None), (None, 'mechanical_resonance', None)])
-def test_bursts_that_ring_are_knocks_and_others_are_readings_that_stick(device, spoil, effect, block, channels):
+def test_bursts_that_ring_are_knocks_else_readings_stick(
+        device, spoil, effect, block, channels):
     target = device.with_effects({effect: EFFECTS[effect].typical()} if effect else {})
     recordings = a_set(target, channels).recordings
     if spoil:

@@ -217,7 +217,8 @@ def test_pairs_that_do_as_well_where_they_act_are_told_by_all_rows(stop_and_dela
 
 
 def test_behind_the_terminals_the_form_of_a_driver_does_not_mislead():
-    singles = [Ranked('contact', 400.0, 0.79, 2, 0.3), Ranked('amplifier_gain', 300.0, 0.6, 2, 0.5)]
+    singles = [Ranked('contact', 400.0, 0.79, 2, 0.3),
+               Ranked('amplifier_gain', 300.0, 0.6, 2, 0.5)]
     stop, bow = (Ranked(f'amplifier_gain+{name}', gain, 0.994, 4, 0.08, second=500.0, part=0.4,
                         over=over) for name, gain, over in (
                             ('contact', 700.0, 900.0), ('stiffness_hardening', 650.0, 1900.0)))

@@ -101,7 +101,8 @@ class Course:
             return None
         rows = np.concatenate([columns for columns, _ in parts])
         ends = np.cumsum([1, len(plain), len(plays), 1, len(heat)])
-        return cls(rows[:, 0], *(rows[:, i:j] for i, j in zip(ends, ends[1:])),
+        motion, memory, late, warmth = np.split(rows[:, 1:], ends[1:-1] - 1, axis=1)
+        return cls(rows[:, 0], motion, memory, late, warmth,
                    np.concatenate([fitted for _, fitted in parts]), tuple(tracks))
 
     @property

@@ -248,7 +248,8 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     verdict = decide(singles, [*pairs, *hidden], ceiling, structure, alike.groups, thresholds,
                      alike.kin, cut)
     if (verdict.word == 'UNKNOWN' and cut is None and best.removed < thresholds.half
-            and structure > thresholds.excess and _without_colour(fitter, search, judge) < thresholds.excess):
+            and structure > thresholds.excess
+            and _without_colour(fitter, search, judge) < thresholds.excess):
         verdict = Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal parameters '
                           'within their uncertainty is noise, the colour of which shows where '
                           'rows are averaged', thresholds.nothing, 1.0 - thresholds.nothing)

@@ -45,10 +45,9 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     if named is None or named.removed > thresholds.clear_first:
         return decision
     # What a clock explains that the cause does not, or what is left beside the cause.
-    if skewed(_course(fitter, search.nominal)) < REST * (1.0 - named.removed):
-        suspect = CLOCK
-    else:
-        suspect = speaks_for_clock(_course(fitter, search.correction(named.name)))
+    late = skewed(_course(fitter, search.nominal)) < REST * (1.0 - named.removed)
+    suspect = CLOCK if late else speaks_for_clock(
+        _course(fitter, search.correction(named.name)))
     if suspect is None:
         return decision
     sure = thresholds.unknown
