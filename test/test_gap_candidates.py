@@ -7,7 +7,8 @@ What is lost is tried in the library's own form: it asks of the search alone.
 """
 
 import numpy as np
-from piezo_stack_sim.gap.candidates import _from_relatives, is_idle, Search, search_singles, tune
+from piezo_stack_sim.gap.candidates import (
+    _from_relatives, is_idle, Probe, Search, search_singles, tune)
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import _inverse, Fit, Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_set
@@ -109,8 +110,9 @@ def test_earlier_swings_are_found_to_the_noise(device, swings):
     assert search.fits['initial_polarisation'].cost < 1.1 * fitter.rows.size
 
 
-@pytest.mark.parametrize('cost, starts', [(10.0, ['command_delay']), (80.0, [])])
-def test_a_delay_is_started_where_a_lag_does_far_better(cost, starts):
+@pytest.mark.parametrize('cost, starts', [
+    (10.0, ['command_delay']), (80.0, ['command_delay']), (97.0, [])])
+def test_a_delay_is_started_where_a_lag_does_better(cost, starts):
     # Of 39 us, read every 50 us: a fit from none goes back to none.
     phi = np.zeros(2)
     search = Search(Fit({}, phi, np.empty(0), 100.0))
@@ -121,6 +123,36 @@ def test_a_delay_is_started_where_a_lag_does_far_better(cost, starts):
     places = _from_relatives(search)
     assert [name for name, _, _ in places] == starts
     assert all(place == {'delay': 4e-5} and (there == 1.0).all() for _, place, there in places)
+
+
+def test_a_current_limit_is_started_with_the_resistance_of_a_slow_driver():
+    phi = np.zeros(2)
+    search = Search(Fit({}, phi, np.empty(0), 100.0))
+    driver = {'output_resistance': 24.0, 'time_constant': 2e-6}
+    search.fits = {
+        'amplifier_bandwidth': Fit({'amplifier_bandwidth': driver}, phi + 1.0, np.empty(0), 8.0),
+        'amplifier_current_limit': Fit({}, phi, np.empty(0), 100.0),
+        'leakage': Fit({'leakage': {'resistance': 1e9}}, phi, np.empty(0), 8.0),
+        'rate_dependent_hysteresis': Fit({}, phi, np.empty(0), 100.0)}
+    search.probes = {name: [] for name in search.fits}
+    search.probes['amplifier_current_limit'] = [
+        Probe('amplifier_current_limit', {'limit': limit, 'sink_share': 1.0,
+                                          'output_resistance': 1.0}, np.ones((1, 1)), gain, gain)
+        for limit, gain in ((0.02, 3.0), (0.01, 1.0))]
+    # What only bears the same name is nothing that they share.
+    assert [(name, place) for name, place, _ in _from_relatives(search)] == [
+        ('amplifier_current_limit', {'limit': limit, 'sink_share': 1.0, 'output_resistance': 24.0})
+        for limit in (0.02, 0.01)]
+
+
+@pytest.mark.parametrize('frequency', [460.0, 1167.0, 1420.0])
+def test_a_light_resonance_is_found_wherever_it_lies(device, frequency):
+    mode = {'participation': 0.05, 'frequency': frequency, 'damping_ratio': 0.016}
+    fitter = fitter_of(device, device.with_effects({'mechanical_resonance': mode}), (
+        programmes.decay(), programmes.triangle()), np.random.default_rng(4),
+        {'displacement': 5e-10})
+    found = searched(fitter, 'mechanical_resonance')
+    assert found['frequency'] == pytest.approx(frequency, rel=0.02)
 
 
 def test_a_driver_faster_than_the_rows_is_found_by_its_voltage(device):
