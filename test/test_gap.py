@@ -17,8 +17,8 @@ from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set
 from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.ranked import DEFAULTS
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.verdict import DEFAULTS
 from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes

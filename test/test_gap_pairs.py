@@ -11,7 +11,7 @@ from piezo_stack_sim.gap.fit import Fitter, TONE
 from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set, spans
 from piezo_stack_sim.gap.lens import Cells, whitened
 from piezo_stack_sim.gap.pairs import merit_of
-from piezo_stack_sim.gap.verdict import DEFAULTS, Ranked
+from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet

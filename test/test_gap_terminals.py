@@ -8,8 +8,9 @@ import numpy as np
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.candidates import Probe, Search
 from piezo_stack_sim.gap.isolability import Alike
+from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.gap.terminals import Part, Terminals
-from piezo_stack_sim.gap.verdict import Cut, decide, DEFAULTS, Ranked
+from piezo_stack_sim.gap.verdict import Cut, decide
 from piezo_stack_sim.gap.voltage import above_noise
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes

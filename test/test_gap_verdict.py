@@ -5,8 +5,8 @@
 from dataclasses import replace
 
 from piezo_stack_sim.gap.isolability import Alike
-from piezo_stack_sim.gap.verdict import (
-    Cut, decide, outscored, probabilities, Ranked, tie_pairs)
+from piezo_stack_sim.gap.ranked import Ranked
+from piezo_stack_sim.gap.verdict import Cut, decide, outscored, probabilities, tie_pairs
 import pytest
 
 
@@ -73,9 +73,11 @@ def test_words_follow_from_what_is_explained_and_what_is_left(best, structure, w
     assert decide([best, Ranked('z', -10.0, 0.0, 1)], [], 0.95, structure, []).word == word
 
 
+@pytest.mark.parametrize('removed', [0.0, 0.99])
 @pytest.mark.parametrize('ceiling, word', [(0.0, 'NO_GAP'), (0.3, 'NO_GAP'), (0.8, 'UNKNOWN')])
-def test_noise_is_nothing_that_the_command_could_predict(ceiling, word):
-    verdict = decide([Ranked('a', 3.0, 0.0, 1), Ranked('z', -10.0, 0.0, 1)], [], ceiling, 0.0, [])
+def test_noise_is_nothing_that_the_command_could_predict(removed, ceiling, word):
+    best = Ranked('a', 3.0, removed, 1)
+    verdict = decide([best, Ranked('z', -10.0, 0.0, 1)], [], ceiling, 0.05, [])
     assert verdict.word == word
     assert word == 'NO_GAP' or 'a flexible correction 80 %' in verdict.reason
 

@@ -14,13 +14,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import Suspect
-from piezo_stack_sim.gap.course import Course
+from piezo_stack_sim.gap.course import Course, LOUD
 from scipy import signal, stats
 
-LOUD = 0.2  # power beyond that of the noise from which a recording counts
 RINGS = -0.4  # least autocorrelation of what swings through zero
 BURSTS = 12.0  # kurtosis of what comes in bursts; that of noise, which counts for none of it, is 3
-
 UNTOLD = 0.8  # part of the gap that the motion must leave, if something else is to blame
 
 _KNOCKED = Suspect('environment', 'the displacement rings in bursts that no command calls for, as '

@@ -19,10 +19,10 @@ from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import (
     add_pair, exchange, exchange_alike, explained, leading_pairs, merit_of, pair_of, polish_pairs,
     search_mended, search_partners)
+from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
-from piezo_stack_sim.gap.verdict import (
-    contenders, counts, Cut, decide, Ranked, second_explains, stands_clear, Thresholds, tie_pairs,
-    Verdict)
+from piezo_stack_sim.gap.second import counts, second_explains, stands_clear
+from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
 LEADING = 3  # pairs that are asked what each of the two does alone, if they lose less than one

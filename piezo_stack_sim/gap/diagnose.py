@@ -25,8 +25,8 @@ from piezo_stack_sim.gap.evidence import prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set
 from piezo_stack_sim.gap.isolability import isolability
+from piezo_stack_sim.gap.ranked import DEFAULTS, Thresholds
 from piezo_stack_sim.gap.terminals import look_at_terminals
-from piezo_stack_sim.gap.verdict import DEFAULTS, Thresholds
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet

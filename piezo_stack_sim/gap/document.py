@@ -22,11 +22,11 @@ from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.quantities import words
+from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, gap_part, records_part, shrinkage_part)
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.verdict import (
-    outscored, probabilities, Ranked, Thresholds, Verdict)
+from piezo_stack_sim.gap.verdict import outscored, probabilities, Verdict
 
 PAIRS_SHOWN = 5
 UNNAMED = ('UNKNOWN', 'NOT_IDENTIFIABLE')  # verdicts that name no cause, but a gap

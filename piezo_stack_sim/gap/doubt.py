@@ -7,15 +7,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from piezo_stack_sim.gap.candidates import Search
-from piezo_stack_sim.gap.course import CLOCK, Course, skewed, speaks_for_clock
+from piezo_stack_sim.gap.course import CLOCK, Course, REST, skewed, speaks_for_clock
 from piezo_stack_sim.gap.decision import Decision
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import parallel, simulate_channels
 from piezo_stack_sim.gap.quantities import words
-from piezo_stack_sim.gap.verdict import Thresholds, Verdict
+from piezo_stack_sim.gap.ranked import Thresholds
+from piezo_stack_sim.gap.verdict import Verdict
 from piezo_stack_sim.gap.where import block_residuals
-
-REST = 0.5  # part that a clock may leave of what a cause leaves
 
 
 def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds

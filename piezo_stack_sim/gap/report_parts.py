@@ -13,8 +13,8 @@ from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.noise import integrated_correlation
+from piezo_stack_sim.gap.ranked import Ranked
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
-from piezo_stack_sim.gap.verdict import Ranked
 
 UNITS = {'mass': 'kg', 'stiffness': 'N/m', 'damping': 'N s/m', 'linear_capacitance': 'F',
          'transformer_ratio': 'N/V'}

@@ -24,8 +24,9 @@ from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
 from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.pairs import add_pair, pair_of
+from piezo_stack_sim.gap.ranked import Thresholds
 from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.verdict import Cut, probabilities, Thresholds
+from piezo_stack_sim.gap.verdict import Cut, probabilities
 from piezo_stack_sim.gap.voltage import driven_by_voltage, FINE
 from piezo_stack_sim.plant import Device
 

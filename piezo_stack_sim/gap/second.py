@@ -1,0 +1,93 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether a second effect counts beside a first, or only fills in what the form of that misses.
+
+No library holds the true form of an effect, so that hardly any first effect leaves nothing but
+noise.  What it leaves is a part of what it does, lies where it acts, and is what its relatives do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+import math
+
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.ranked import Ranked, Thresholds
+
+
+def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
+                    kin: Collection[frozenset[str]]) -> bool:
+    """Tell whether a second effect explains enough where it acts."""
+    if pair.beside is not None:
+        mended = set(pair.beside.name.split('+'))
+        relative = any(frozenset((first, second)) in kin for first in mended
+                       for second in set(pair.name.split('+')) - mended)
+        return (not relative and pair.part > t.mended_part and pair.over > 0.5 * t.second
+                and pair.second > max(t.second, t.finish_form * best.gain))
+    if (t.second < pair.over < math.inf and not are_relatives(best, pair, kin)
+            and 1.0 - pair.removed < t.completes * (1.0 - best.removed)):
+        return True
+    # What the form of the first misses is a part of what it explains, but leaves little.
+    finishes = best.removed < t.alone and 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
+    form = t.finish_form if finishes else t.second_form
+    if pair.second < max(t.second, form * best.gain) or pair.over < 0.5 * t.second:
+        return False
+    if are_relatives(best, pair, kin):
+        # What the form of the first misses, a relative fills in: it takes more to believe in two.
+        return best.removed < t.alone and pair.part > t.relative_part
+    return pair.part > (t.finish_part if finishes else t.second_part)
+
+
+def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,
+                 kin: Collection[frozenset[str]]) -> bool:
+    """
+    Tell whether a second effect explains enough where the first hardly acts.
+
+    What the form of the first misses is no more than a part of what it does, so that it does not
+    matter how much of that is left elsewhere.
+    """
+    return (best.name in pair.name.split('+') and best.removed > t.clear_first
+            and pair.clear > t.clear and pair.clear_part > t.clear_part
+            and pair.over > 0.5 * t.second and not are_relatives(best, pair, kin))
+
+
+def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
+    """Tell whether a second effect is needed: where it acts, and all in all."""
+    # Else it fills in some cells what the form of the first misses, and no more.
+    first = pair.beside or best
+    return second_explains(best, pair, t, kin) and _loses_little(best, pair, t) and (
+        pair.left <= t.still * first.left
+        or 1.0 - pair.removed <= t.stays * (1.0 - first.removed))
+
+
+def _loses_little(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether two remove as much as one, or the second shows where the first hardly acts.
+
+    Else they bend to what the form of the first misses where that is quiet, in many rows.
+    """
+    return (1.0 - pair.removed <= t.loses * (1.0 - best.removed)
+            or pair.clear > t.clear and pair.clear_part > t.clear_part)
+
+
+def are_relatives(best: Ranked, pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
+    """Tell whether a pair is of effects that resemble each other, or the form of the first."""
+    names = frozenset(pair.name.split('+'))
+    return names in kin or best.name in names and not names.isdisjoint(
+        EFFECTS[best.name].form_like)
+
+
+def is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds,
+                    kin: Collection[frozenset[str]]) -> bool:
+    """
+    Tell whether a relative of the first explains more than the second of a pair, and is none.
+
+    That one only fills in what the form of the first misses: so does this, unless together with
+    the first it leaves far less, all in all.
+    """
+    return pair.beside is None and best.name in pair.name.split('+') and any(
+        best.name in other.name.split('+') and are_relatives(best, other, kin)
+        and other.second > pair.second and not counts(best, other, t, kin)
+        and pair.left > t.shade * other.left
+        for other in pairs if other is not pair)
