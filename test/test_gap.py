@@ -10,10 +10,11 @@ from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.back_coupling import suspect_block
 from piezo_stack_sim.gap.blackbox import lagged
 from piezo_stack_sim.gap.bursts import suspect_bursts
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_heat, suspect_play
 from piezo_stack_sim.gap.evidence import of_any_colour, prepare, quieter, reweigh
 from piezo_stack_sim.gap.fit import Fitter, free_parameters
-from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set
+from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
@@ -237,6 +238,11 @@ def test_the_period_of_a_repeated_command_is_found():
     programme = programmes.multisine()
     assert repetition(programme.command) == round(0.1 / programme.period)
     assert repetition(np.linspace(0.0, 1.0, 1000)) == 0
+
+
+def test_work_that_is_spread_from_within_spread_work_comes_to_its_end_in_order():
+    table = parallel(lambda i: parallel(lambda j: i * j, range(3)), range(64))
+    assert table == [[0, i, 2 * i] for i in range(64)]
 
 
 def test_correlated_rows_count_for_less():

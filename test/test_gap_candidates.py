@@ -9,9 +9,10 @@ What is lost is tried in the library's own form: it asks of the search alone.
 import numpy as np
 from piezo_stack_sim.gap.candidates import (
     _from_relatives, is_idle, Probe, Search, search_singles, tune)
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import _inverse, Fit, Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_set
+from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes

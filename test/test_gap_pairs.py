@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 from piezo_stack_sim.gap import decision, diagnose_set
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter, TONE
-from piezo_stack_sim.gap.forward import parallel, residuals, simulate_set, spans
+from piezo_stack_sim.gap.forward import residuals, simulate_set, spans
 from piezo_stack_sim.gap.lens import Cells, whitened
 from piezo_stack_sim.gap.pairs import merit_of
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence, Track
 from piezo_stack_sim.gap.forward import spans
 
@@ -36,12 +37,13 @@ def flexible_correction(evidence: Evidence, simulated: list[dict], residual: np.
         Weighted residual to explain.
 
     """
-    left = residual.copy()
-    for (i, channel), where in zip(evidence.keys, spans(evidence)):
+    def corrected(part):
+        (i, _), where = part
         track = evidence.tracks[i]
         features = _features(track, simulated[i])
-        left[where] = residual[where] - predict(features, residual[where], track.fitted)
-    return left
+        return residual[where] - predict(features, residual[where], track.fitted)
+
+    return np.concatenate(parallel(corrected, zip(evidence.keys, spans(evidence))))
 
 
 def placebo_corrections(evidence: Evidence, residual: np.ndarray) -> list[np.ndarray]:

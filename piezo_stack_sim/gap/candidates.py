@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.descent import WIDE
 from piezo_stack_sim.gap.evidence import quieter, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
-from piezo_stack_sim.gap.forward import parallel, simulate_channels
+from piezo_stack_sim.gap.forward import simulate_channels
 from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
 from piezo_stack_sim.gap.swings import FALLEN, find_history
 

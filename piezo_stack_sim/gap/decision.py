@@ -12,6 +12,7 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import Search
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence, of_any_colour, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import simulate_set
@@ -111,14 +112,16 @@ def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removabl
     pairs.sort(key=lambda r: (judge.cells.nats(search.fits[r.name].residual), r.name))
     pairs = [pair for rank, pair in enumerate(pairs) if rank < PAIRS_SHOWN or pair.name in kept]
     alone = min((judge.cells.nats(fit.residual) for fit in search.bases.values()), default=0.0)
-    for i, pair in enumerate(pairs):
+
+    def asked(pair):
         if pair.name not in kept and not set(pair.name.split('+')) <= set(search.bases):
-            continue  # not among the best: nobody asked what each of the two does alone
+            return pair  # not among the best: nobody asked what each of the two does alone
         merit = explained(fitter, search, judge.cells, pair.name, clear=True)
         lost = judge.cells.nats(search.fits[pair.name].residual)
-        pairs[i] = replace(pair, second=merit.nats, part=merit.part, clear=merit.clear,
-                           clear_part=merit.clear_part, over=alone - lost)
-    return pairs
+        return replace(pair, second=merit.nats, part=merit.part, clear=merit.clear,
+                       clear_part=merit.clear_part, over=alone - lost)
+
+    return parallel(asked, pairs)
 
 
 def rank_mended(fitter: Fitter, search: Search, judge: Judge, removable: Removable
@@ -236,11 +239,12 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     best = singles[0]
 
     def ranked(kept: Collection[str]) -> list[Ranked]:
-        return [_by_all_rows(fitter, search, judge, removable, pair, best.name)
-                if best.name in pair.name.split('+')
-                and (second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
-                     or stands_clear(best, pair, thresholds, alike.kin))
-                else pair for pair in rank_pairs(fitter, search, judge, removable, kept)]
+        return parallel(
+            lambda pair: _by_all_rows(fitter, search, judge, removable, pair, best.name)
+            if best.name in pair.name.split('+')
+            and (second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
+                 or stands_clear(best, pair, thresholds, alike.kin))
+            else pair, rank_pairs(fitter, search, judge, removable, kept))
 
     pairs = ranked([cut.pair] if cut else [])
     structure = judge.structure(search.nominal.residual)

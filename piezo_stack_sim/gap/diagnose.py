@@ -18,12 +18,13 @@ from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.candidates import search_singles, weigh_anew
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
 from piezo_stack_sim.gap.document import build_document
 from piezo_stack_sim.gap.doubt import doubted
 from piezo_stack_sim.gap.evidence import prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set
+from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.ranked import DEFAULTS, Thresholds
 from piezo_stack_sim.gap.terminals import look_at_terminals

@@ -7,10 +7,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from piezo_stack_sim.gap.candidates import Search
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import CLOCK, Course, REST, skewed, speaks_for_clock
 from piezo_stack_sim.gap.decision import Decision
 from piezo_stack_sim.gap.fit import Fit, Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_channels
+from piezo_stack_sim.gap.forward import simulate_channels
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Thresholds
 from piezo_stack_sim.gap.verdict import Verdict

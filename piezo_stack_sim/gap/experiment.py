@@ -15,9 +15,10 @@ import itertools
 
 import numpy as np
 
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import CHANNELS, Evidence
 from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import parallel, simulate_channels
+from piezo_stack_sim.gap.forward import simulate_channels
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import Recording
 

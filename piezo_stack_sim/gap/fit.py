@@ -33,6 +33,7 @@ STEPS = 6
 TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
 STUCK = 1e-3  # part of its range from its bound at which a number of an effect counts as stuck
 REMEMBERED = 64e6  # bytes of residuals that are kept: fits set out from where others ended
+FEW = 4  # residuals in which a line was looked for that are remembered: each is asked again
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
 ALIKE = 1e-10  # part of its square by which a derivative is kept from being just like another
 
@@ -155,6 +156,8 @@ class Fitter:
         self.base = residuals(device, evidence)
         self._simulated = lru_cache(max(int(REMEMBERED / self.base.nbytes), 1))(
             partial(_simulate, device, self.nuisance, evidence))
+        self._frequency = lru_cache(FEW)(lambda effects, phi: find_frequency(
+            evidence, self._simulated(effects, phi), self.rows))
 
     def device_with(self, effects: dict, phi: np.ndarray) -> Device:
         """Return the nominal device, re-tuned and with effects on."""
@@ -212,9 +215,9 @@ class Fitter:
         """Return the line in what other effects leave, and the residual (N,) without it."""
         others = {name: EFFECTS[name].values(given) for name, given in effects.items()
                   if name != TONE}
-        residual = self._residual(others, [], np.empty(0), phi)
-        frequency = find_frequency(self.evidence, residual, self.rows)
-        return None if frequency is None else Tone(self.evidence, frequency).match(residual)
+        frequency = self._frequency(_frozen(others), tuple(phi))
+        return None if frequency is None else Tone(self.evidence, frequency).match(
+            self._residual(others, [], np.empty(0), phi))
 
     def linear_gain(self, directions: np.ndarray, fit: Fit) -> tuple[float, np.ndarray]:
         """
@@ -244,7 +247,7 @@ class Fitter:
             return 0.0, np.zeros(length.size)
         scale = 1.0 / np.sqrt(np.maximum(length, 1e-9))
         alike = square * np.outer(scale, scale) + 1e-6 * np.eye(length.size)
-        along = scale * (clear.T @ self._view(fit).left)
+        along = scale * (clear.T @ self.view(fit).left)
         factors = np.linalg.solve(alike, along)
         return float(along @ factors), -scale * factors
 
@@ -275,7 +278,7 @@ class Fitter:
 
     def cost_beside(self, residual: np.ndarray, fit: Fit) -> float:
         """Return the cost of a residual (N,) if what a fit is free to choose follows linearly."""
-        return sum_of_squares(self._view(fit).cleared(self.lens(residual)))
+        return sum_of_squares(self.view(fit).cleared(self.lens(residual)))
 
     def cleared(self, directions: np.ndarray, fit: Fit) -> np.ndarray:
         """
@@ -294,9 +297,9 @@ class Fitter:
             As the lens shows them.
 
         """
-        return self._view(fit).cleared(self.lens(directions).astype(float))
+        return self.view(fit).cleared(self.lens(directions).astype(float))
 
-    def _view(self, fit: Fit) -> View:
+    def view(self, fit: Fit) -> View:
         """Return what a linear look at a fit needs: free directions and what they leave."""
         if fit.view is None:
             seen = (self.nominal.seen if fit.nominal is None or fit.nominal is self.nominal.whole
@@ -384,8 +387,7 @@ class Fitter:
     def _residual(self, effects, free, walk, phi, tone: Tone | None = None) -> np.ndarray:
         values = self._values(effects, free, walk)
         values.pop(TONE, None)  # matched to what the others leave, in each recording anew
-        residual = self._simulated(
-            tuple((name, tuple(given.items())) for name, given in values.items()), tuple(phi))
+        residual = self._simulated(_frozen(values), tuple(phi))
         return residual if tone is None else tone.match(residual)[1]
 
 
@@ -395,6 +397,11 @@ def _inverse(square: np.ndarray) -> np.ndarray:
     scale = 1.0 / np.sqrt(np.diag(square))
     alike = square * np.outer(scale, scale) + ALIKE * np.eye(scale.size)
     return np.linalg.inv(alike) * np.outer(scale, scale)
+
+
+def _frozen(effects: dict[str, dict[str, float]]) -> tuple:
+    """Return effects and their numbers as what a cache can look up."""
+    return tuple((name, tuple(given.items())) for name, given in effects.items())
 
 
 def _tuned(device: Device, nuisance: Nuisance, effects: dict, phi: np.ndarray) -> Device:

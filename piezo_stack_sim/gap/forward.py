@@ -4,18 +4,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-import os
-
 import numpy as np
 
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.recording import Recording
-
-# The kernel releases the interpreter lock: threads share the arrays of a set.
-_CORES = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()
-_POOL = ThreadPoolExecutor(_CORES, thread_name_prefix='simulate')
 
 
 def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndarray]:
@@ -28,7 +22,7 @@ def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndar
 
 def simulate_set(device: Device, recordings) -> list[dict[str, np.ndarray]]:
     """Simulate every recording of a set, over all cores."""
-    return list(_POOL.map(lambda recording: simulate_channels(device, recording), recordings))
+    return parallel(lambda recording: simulate_channels(device, recording), recordings)
 
 
 def residuals(device: Device, evidence: Evidence) -> np.ndarray:
@@ -45,7 +39,7 @@ def residuals(device: Device, evidence: Evidence) -> np.ndarray:
         simulated = simulate_channels(device, track.recording)
         return [track.weighted(c, simulated[c]) for c in track.channels]
 
-    return np.concatenate([row for rows in map(one, evidence.tracks) for row in rows])
+    return np.concatenate([row for rows in parallel(one, evidence.tracks) for row in rows])
 
 
 def spans(evidence: Evidence) -> list[slice]:
@@ -61,8 +55,3 @@ def spans(evidence: Evidence) -> list[slice]:
 def fitted_rows(evidence: Evidence) -> np.ndarray:
     """Return which entries of a residual vector a fit may see, shape (N,)."""
     return np.concatenate([evidence.tracks[i].fitted for i, _ in evidence.keys])
-
-
-def parallel(function, items) -> list:
-    """Call a function on items over all cores, keeping the order."""
-    return list(_POOL.map(function, items))

@@ -18,6 +18,7 @@ import itertools
 import numpy as np
 
 from piezo_stack_sim.gap.candidates import Search
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.fit import Fitter
 
 SEEN = 5.0  # length of a direction, in standard deviations, that counts as seen
@@ -60,9 +61,10 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
     Directions are those of a typical strength of each effect, cleared of what
     re-tuning the nominal parameters can imitate.
     """
-    names, directions, spaces, unseen = [], [], [], []
     single = len(fitter.evidence.channels) == 1
-    for name, probes in search.probes.items():
+    fitter.view(search.nominal)
+
+    def looked(probes):
         whole = [direction for probe in probes if probe.direction is not None
                  for direction in probe.direction.T]
         clear = [direction for probe in probes if probe.direction is not None
@@ -70,14 +72,18 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
         least = max([SEEN, *(LINEAR * np.linalg.norm(each) for each in whole)])
         longest = max(clear, key=np.linalg.norm, default=None)
         if longest is None or np.linalg.norm(longest) < least:
-            unseen.append(name)
-            continue
-        names.append(name)
-        directions.append((longest / np.linalg.norm(longest)).astype(np.float32))
-        spaces.append(np.column_stack([each / np.linalg.norm(each) for each in clear
-                                       if np.linalg.norm(each) > SEEN]).astype(np.float32))
+            return None
+        space = np.column_stack([each / np.linalg.norm(each) for each in clear
+                                 if np.linalg.norm(each) > SEEN]).astype(np.float32)
+        return ((longest / np.linalg.norm(longest)).astype(np.float32), space,
+                np.linalg.svd(space, full_matrices=False)[0])
+
+    found = dict(zip(search.probes, parallel(looked, search.probes.values())))
+    names = [name for name in found if found[name] is not None]
+    unseen = [name for name in found if found[name] is None]
     if not names:
         return Alike([], unseen, set(), single)
+    directions, spaces, bases = zip(*(found[name] for name in names))
     cosine = np.abs(np.array(directions) @ np.array(directions).T)
     classes, left = [], set(range(len(names)))
     while left:
@@ -91,7 +97,6 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
         left -= group
         if len(group) > 1:
             classes.append([names[i] for i in sorted(group)])
-    bases = [np.linalg.svd(space, full_matrices=False)[0] for space in spaces]
     kin = set()
     for i, a in enumerate(names):
         for j in range(i):

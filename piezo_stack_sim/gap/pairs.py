@@ -21,8 +21,8 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import (
     is_idle, Merit, Probe, probe_tone, RIVAL, Search, times_of)
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
-from piezo_stack_sim.gap.forward import parallel
 from piezo_stack_sim.gap.lens import Cells, whitened
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.swings import FALLEN, find_history
@@ -141,14 +141,16 @@ def _promises(fitter: Fitter, search: Search, names: Collection[str], fit: Fit
               ) -> list[tuple[str, dict[str, float]]]:
     """Return second effects with a place to start, those first that promise most."""
     fit = replace(fit, view=None)  # through the lens of this fitter
-    promises = []
-    for name in names:
+    fitter.view(fit)
+
+    def best(name):
         places = [_promise(fitter, fit, probe) for probe in search.probes[name]]
         most = max(gain for gain, _, _ in places)
         # Of places that promise alike, the one from which it is not far.
         alike = [place for place in places if place[0] >= most - SLACK * abs(most)]
-        promises.append((most, name, min(alike, key=lambda place: place[1])[2]))
-    promises.sort(key=lambda promise: -promise[0])
+        return most, name, min(alike, key=lambda place: place[1])[2]
+
+    promises = sorted(parallel(best, names), key=lambda promise: -promise[0])
     return [(name, place) for _, name, place in promises]
 
 

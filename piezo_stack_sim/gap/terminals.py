@@ -18,10 +18,11 @@ import math
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import Search, search_singles
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.decision import decide_search, Decision, judge_of
 from piezo_stack_sim.gap.evidence import Evidence, prepare, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
-from piezo_stack_sim.gap.forward import parallel, simulate_channels, simulate_set, spans
+from piezo_stack_sim.gap.forward import simulate_channels, simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.pairs import add_pair, pair_of
 from piezo_stack_sim.gap.ranked import Thresholds

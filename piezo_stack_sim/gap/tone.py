@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import spans
 
@@ -143,21 +144,22 @@ def find_frequency(evidence: Evidence, residual: np.ndarray, rows: np.ndarray) -
     if not candidates:
         return None
 
+    seen = residual[rows]
+    power = seen @ seen
+
     def fall(frequency):
         left = Tone(evidence, frequency).match(residual)[1][rows]
-        return float(residual[rows] @ residual[rows] - left @ left)
+        return float(power - left @ left)
 
-    coarse = []
-    for centre, width in candidates:
-        if centre >= np.median(slowest):
-            coarse.append((fall(centre), centre, width))
+    coarse = [(centre, width) for centre, width in candidates if centre >= np.median(slowest)]
     if not coarse:
         return None
-    _, centre, width = max(coarse)
+    _, centre, width = max((gain, *line) for gain, line in zip(
+        parallel(fall, [centre for centre, _ in coarse]), coarse))
     # From the line width of the recording it was seen in down to that of the longest.
     while width > 1.0 / (FINE * longest):
         step = width / 6.0
-        tried = [(fall(centre + k * step), centre + k * step) for k in range(-5, 6)]
-        centre = max(tried)[1]
+        tried = [centre + k * step for k in range(-5, 6)]
+        centre = max(zip(parallel(fall, tried), tried))[1]
         width = 1.5 * step
     return centre

@@ -17,8 +17,9 @@ import math
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.gap.forward import parallel, simulate_channels, spans
+from piezo_stack_sim.gap.forward import simulate_channels, spans
 from piezo_stack_sim.gap.voltage import driven_by_voltage
 from piezo_stack_sim.plant import Device
 from scipy import signal

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.gap.forward import parallel
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.identify.tracks import misfits, reweighted, weighted
 from piezo_stack_sim.identify.vector import Layout
 

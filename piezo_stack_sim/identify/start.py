@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.gap.forward import parallel
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.identify.piecewise import choose_pieces, fit_pieces, Pieces
 from piezo_stack_sim.identify.rising import Curve, rising_curves, thin
 from piezo_stack_sim.identify.tracks import misfits, weighted
