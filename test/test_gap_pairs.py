@@ -5,13 +5,14 @@
 from types import SimpleNamespace
 
 import numpy as np
-from piezo_stack_sim.gap import decision, diagnose_set
+from piezo_stack_sim.gap import decision, diagnose_set, pairs
+from piezo_stack_sim.gap.candidates import search_singles
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter, TONE
 from piezo_stack_sim.gap.forward import residuals, simulate_set, spans
 from piezo_stack_sim.gap.lens import Cells, whitened
-from piezo_stack_sim.gap.pairs import merit_of
+from piezo_stack_sim.gap.pairs import merit_of, search_partners
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -185,3 +186,27 @@ def test_beside_a_hum_that_is_never_in_step_a_second_effect_explains_what_it_doe
     # Taken off as it was, not matched anew.
     again = humming.residual_of(both.effects, both.phi, both)
     assert again == pytest.approx(both.residual, abs=1e-9)
+
+
+def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
+        device, monkeypatch):
+    truth = device.with_effects({
+        'parallel_stiffness': {'stiffness': 1e7}, 'contact': {'gap': 3e-6, 'stiffness': 6e5},
+        'stiffness_hardening': {'quadratic': 0.05, 'cubic': 0.02},
+        'leakage': {'resistance': 1e8}})
+    random, recordings = np.random.default_rng(3), []
+    for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine(),
+                      programmes.steps()):
+        answer = simulate(truth, programme.time, programme.command, programme.external_force)
+        recordings.append(programme.replace(measured={
+            name: getattr(answer, name) + rms * random.standard_normal(len(programme))
+            for name, rms in NOISE.items()}))
+    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
+    fitter.prepare(parallel)
+    names = ('leakage', 'parallel_stiffness', 'stiffness_hardening', 'contact')
+    search = search_singles(fitter, lambda message: None, names)
+    # What mends the form of the first leads by cells.
+    monkeypatch.setattr(pairs, '_leading', lambda gains, most: [])
+    search_partners(fitter, search, 'parallel_stiffness', lambda message: None, names)
+    found = search.fits['leakage+parallel_stiffness'].effects
+    assert found['leakage']['resistance'] == pytest.approx(1e8, rel=0.05)

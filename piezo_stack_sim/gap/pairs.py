@@ -33,6 +33,7 @@ EXCHANGED, PLAIN_EXCHANGED = 2, 1  # the same beside the second effect of the be
 MENDED = 3  # and beside a first whose form another mends
 SLACK = 0.1  # part by which the promises of places of an effect may differ and count as alike
 FIRST_STEPS = 2  # Gauss-Newton steps of all of them
+LOUD = 0.25  # part of what the first leaves by plain rows that one fitted to the end may leave
 LEADING = 2  # pairs that are fitted to the end, by what they lose and by merit
 PLAIN_STEPS = 4  # of these, to all rows alike
 ALONE_STEPS = 2  # and of each of two without the other
@@ -69,7 +70,8 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
     others = [name for name in names if name != base]
     by_rows = _promises(fitter, search, others, fit)
-    chosen = {**dict(by_rows[:plain]), **dict(_promises(weighed, search, others, fit)[:partners])}
+    loud = dict(by_rows[:plain])
+    chosen = {**loud, **dict(_promises(weighed, search, others, fit)[:partners])}
     places = dict(by_rows)
     without = weighed.cost(fit.residual, fit.phi)
     aside = replace(fit, view=None)  # through the lens of the weighed
@@ -82,10 +84,12 @@ def search_partners(fitter: Fitter, search: Search, base: str,
                     weighed.residual_of({**fit.effects, name: values}, fit.phi, fit), aside),
                 (0.0, FALLEN * weighed.cost_beside(fit.residual, aside)))
         pair = weighed.fit({**fit.effects, name: values}, fit.phi, FIRST_STEPS, beside=fit)
-        if pair.cost > without and name != TONE:
-            # From a place that looked good by its weighed rows it did not find its way.
+        if (name in loud or pair.cost > without) and name != TONE:
+            # From a place that looked good by its weighed rows it may not have found its way.
             rows = fitter.fit({**fit.effects, name: places[name]}, fit.phi, PLAIN_STEPS)
-            pair = weighed.fit(rows.effects, rows.phi, FIRST_STEPS, beside=rows)
+            left[pair_of(base, name)] = rows.cost / fitter.cost(fit.residual, fit.phi)
+            rows = weighed.fit(rows.effects, rows.phi, FIRST_STEPS, beside=rows)
+            pair = min(pair, rows, key=lambda fit: cells.nats(fit.residual))
         return pair_of(base, name), pair
 
     def acting(pair):
@@ -94,12 +98,18 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     def settled(name):
         return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
 
+    left: dict[str, float] = {}  # of what is left by plain rows
     fitted = {name: fit for name, fit in parallel(whole, chosen.items())
               if not any(is_idle(weighed, fit, other) for other in fit.effects if other != base)}
     merits = dict(zip(fitted, parallel(acting, fitted.values())))
-    best = _leading({name: without - pair.cost for name, pair in fitted.items()}, LEADING)
+    lost = cells.nats(fit.residual)
+    gains = dict(zip(fitted, parallel(lambda pair: lost - cells.nats(pair.residual),
+                                      fitted.values())))
+    best = _leading(gains, LEADING)
     best += [name for name in _leading({name: merits[name].product for name in fitted}, LEADING)
              if name not in best]
+    # What mends the form of the first explains more cells than what is loud in a few.
+    best += [name for name in fitted if left.get(name, 1.0) < LOUD and name not in best]
     for name, pair in parallel(settled, best):
         if _better(cells, pair, search.fits.get(name)):
             search.fits[name] = pair
