@@ -6,37 +6,20 @@ Hypotheses that could pass for what they are not, and true ones that must not be
 What is lost is tried in the library's own form: it asks of the search alone.
 """
 
+from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.gap.candidates import (
     _from_relatives, is_idle, Probe, Search, search_singles, tune)
-from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import _inverse, Fit, Fitter
-from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.fit import _inverse, Fit
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest
 
-NOISE = {'charge': 2e-9, 'displacement': 1e-9}
-
 
 @pytest.fixture(scope='module')
 def device():
     return Device.nominal()
-
-
-def fitter_of(device, unit, recorded, random, noises=NOISE):
-    """Return what fits recordings of a unit with white noise, the device as its file."""
-    recordings = []
-    for programme in recorded:
-        answer = simulate(unit, programme.time, programme.command, programme.external_force)
-        recordings.append(programme.replace(measured={
-            name: getattr(answer, name) + noise * random.standard_normal(len(programme))
-            for name, noise in noises.items()}))
-    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
-    fitter.prepare(parallel)
-    return fitter
 
 
 def searched(fitter, effect):

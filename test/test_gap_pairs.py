@@ -4,6 +4,7 @@
 
 from types import SimpleNamespace
 
+from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.gap import decision, diagnose_set, pairs
 from piezo_stack_sim.gap.candidates import search_singles
@@ -194,15 +195,9 @@ def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
         'parallel_stiffness': {'stiffness': 1e7}, 'contact': {'gap': 3e-6, 'stiffness': 6e5},
         'stiffness_hardening': {'quadratic': 0.05, 'cubic': 0.02},
         'leakage': {'resistance': 1e8}})
-    random, recordings = np.random.default_rng(3), []
-    for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine(),
-                      programmes.steps()):
-        answer = simulate(truth, programme.time, programme.command, programme.external_force)
-        recordings.append(programme.replace(measured={
-            name: getattr(answer, name) + rms * random.standard_normal(len(programme))
-            for name, rms in NOISE.items()}))
-    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
-    fitter.prepare(parallel)
+    recorded = (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine(),
+                programmes.steps())
+    fitter = fitter_of(device, truth, recorded, np.random.default_rng(3), NOISE)
     names = ('leakage', 'parallel_stiffness', 'stiffness_hardening', 'contact')
     search = search_singles(fitter, lambda message: None, names)
     # What mends the form of the first leads by cells.

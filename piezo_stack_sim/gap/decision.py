@@ -239,12 +239,14 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     best = singles[0]
 
     def ranked(kept: Collection[str]) -> list[Ranked]:
-        return parallel(
-            lambda pair: _by_all_rows(fitter, search, judge, removable, pair, best.name)
-            if best.name in pair.name.split('+')
-            and (second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
-                 or stands_clear(best, pair, thresholds, alike.kin))
-            else pair, rank_pairs(fitter, search, judge, removable, kept))
+        def corrected(pair):
+            if best.name in pair.name.split('+') and (
+                    second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
+                    or stands_clear(best, pair, thresholds, alike.kin)):
+                return _by_all_rows(fitter, search, judge, removable, pair, best.name)
+            return pair
+
+        return parallel(corrected, rank_pairs(fitter, search, judge, removable, kept))
 
     pairs = ranked([cut.pair] if cut else [])
     structure = judge.structure(search.nominal.residual)

@@ -156,8 +156,10 @@ class Fitter:
         self.base = residuals(device, evidence)
         self._simulated = lru_cache(max(int(REMEMBERED / self.base.nbytes), 1))(
             partial(_simulate, device, self.nuisance, evidence))
+        # Of its parts and not of itself: in a circle with its cache it would outlive its use.
+        simulated, rows = self._simulated, self.rows
         self._frequency = lru_cache(FEW)(lambda effects, phi: find_frequency(
-            evidence, self._simulated(effects, phi), self.rows))
+            evidence, simulated(effects, phi), rows))
 
     def device_with(self, effects: dict, phi: np.ndarray) -> Device:
         """Return the nominal device, re-tuned and with effects on."""

@@ -62,7 +62,7 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
     re-tuning the nominal parameters can imitate.
     """
     single = len(fitter.evidence.channels) == 1
-    fitter.view(search.nominal)
+    fitter.view(search.nominal)  # once, before all cores ask for it
 
     def looked(probes):
         whole = [direction for probe in probes if probe.direction is not None

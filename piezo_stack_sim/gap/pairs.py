@@ -73,7 +73,7 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     loud = dict(by_rows[:plain])
     chosen = {**loud, **dict(_promises(weighed, search, others, fit)[:partners])}
     places = dict(by_rows)
-    without = weighed.cost(fit.residual, fit.phi)
+    without, plainly = (each.cost(fit.residual, fit.phi) for each in (weighed, fitter))
     aside = replace(fit, view=None)  # through the lens of the weighed
 
     def whole(place):
@@ -84,13 +84,14 @@ def search_partners(fitter: Fitter, search: Search, base: str,
                     weighed.residual_of({**fit.effects, name: values}, fit.phi, fit), aside),
                 (0.0, FALLEN * weighed.cost_beside(fit.residual, aside)))
         pair = weighed.fit({**fit.effects, name: values}, fit.phi, FIRST_STEPS, beside=fit)
+        left = plainly
         if (name in loud or pair.cost > without) and name != TONE:
             # From a place that looked good by its weighed rows it may not have found its way.
             rows = fitter.fit({**fit.effects, name: places[name]}, fit.phi, PLAIN_STEPS)
-            left[pair_of(base, name)] = rows.cost / fitter.cost(fit.residual, fit.phi)
+            left = rows.cost
             rows = weighed.fit(rows.effects, rows.phi, FIRST_STEPS, beside=rows)
             pair = min(pair, rows, key=lambda fit: cells.nats(fit.residual))
-        return pair_of(base, name), pair
+        return pair_of(base, name), pair, left
 
     def acting(pair):
         return merit_of(fitter, cells, fit, pair)
@@ -98,9 +99,9 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     def settled(name):
         return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
 
-    left: dict[str, float] = {}  # of what is left by plain rows
-    fitted = {name: fit for name, fit in parallel(whole, chosen.items())
-              if not any(is_idle(weighed, fit, other) for other in fit.effects if other != base)}
+    found = [(name, pair, left) for name, pair, left in parallel(whole, chosen.items())
+             if not any(is_idle(weighed, pair, other) for other in pair.effects if other != base)]
+    fitted = {name: pair for name, pair, _ in found}
     merits = dict(zip(fitted, parallel(acting, fitted.values())))
     lost = cells.nats(fit.residual)
     gains = dict(zip(fitted, parallel(lambda pair: lost - cells.nats(pair.residual),
@@ -109,7 +110,7 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     best += [name for name in _leading({name: merits[name].product for name in fitted}, LEADING)
              if name not in best]
     # What mends the form of the first explains more cells than what is loud in a few.
-    best += [name for name in fitted if left.get(name, 1.0) < LOUD and name not in best]
+    best += [name for name, _, left in found if left < LOUD * plainly and name not in best]
     for name, pair in parallel(settled, best):
         if _better(cells, pair, search.fits.get(name)):
             search.fits[name] = pair
@@ -151,7 +152,7 @@ def _promises(fitter: Fitter, search: Search, names: Collection[str], fit: Fit
               ) -> list[tuple[str, dict[str, float]]]:
     """Return second effects with a place to start, those first that promise most."""
     fit = replace(fit, view=None)  # through the lens of this fitter
-    fitter.view(fit)
+    fitter.view(fit)  # once, before all cores ask for it
 
     def best(name):
         places = [_promise(fitter, fit, probe) for probe in search.probes[name]]
