@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.lens import Lens
 from scipy.optimize import lsq_linear
 
@@ -76,21 +77,24 @@ class Landscape:
 
     def nominal_slope(self, walk, phi, residual) -> Slope:
         """Return the derivative with respect to phi at a place."""
-        return Slope.of(np.column_stack([
-            (self.residual(walk, phi + step) - residual) / self.nudge
-            for step in self.nudge * np.eye(phi.size)]), self.lens)
+        return Slope.of(np.column_stack(parallel(
+            lambda step: (self.residual(walk, phi + step) - residual) / self.nudge,
+            self.nudge * np.eye(phi.size))), self.lens)
 
     def slope(self, walk, phi, residual, known=()) -> np.ndarray:
         """Return the derivative (N, n) with respect to the walk at a place, where not known."""
         columns = np.empty((residual.size, walk.size))
-        for j in range(walk.size):
+
+        def take(j):
             if j < len(known) and known[j] is not None:
                 columns[:, j] = known[j]
-                continue
+                return
             step = PACE if self.upper[j] - walk[j] > PACE else -PACE
             moved = walk.copy()
             moved[j] += step
             columns[:, j] = (self.residual(moved, phi) - residual) / step
+
+        parallel(take, range(walk.size))
         return columns
 
 
