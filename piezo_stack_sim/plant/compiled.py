@@ -16,6 +16,7 @@ from pathlib import Path
 
 from numba import njit
 
+OTHERS = ('compiled.py', 'lanes.py', 'layout.py')  # sources that compile nothing themselves
 _HOW = {'cache': True, 'nogil': True, 'error_model': 'numpy', '_nrt': False}
 
 
@@ -24,7 +25,7 @@ def _stamp() -> str:
     sources = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob('*.py')):
         text = path.read_bytes()
-        if b'plant.compiled import' in text or path.name in ('compiled.py', 'layout.py'):
+        if b'plant.compiled import' in text or path.name in OTHERS:
             sources.update(text)
     return sources.hexdigest()
 
@@ -49,5 +50,3 @@ def _decorator(**more) -> Callable:
 jit = _decorator()
 # Where passing a dozen arrays would cost more than the work.
 inline = _decorator(forceinline=True)
-# Sums in any order: they may run over several lanes.
-dot = _decorator(fastmath={'reassoc', 'contract'})

@@ -17,8 +17,9 @@ fastest swing, or longer where nothing hidden can happen
 import math
 
 from piezo_stack_sim.plant.calm import calm_time
-from piezo_stack_sim.plant.compiled import dot, jit
+from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.events import first_event
+from piezo_stack_sim.plant.lanes import LANES, sums
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, F_DIR, F_FRIC, F_FRIC_DIR, F_SLIP, FORCE, I_CONTACT, I_FRICTION, I_GROWING,
     I_INPUTS, I_LIMITER, I_RELAXING, I_SMOOTH, M_BEGAN, M_CHARGE, M_FURTHEST, M_GROWTH, M_JUMP,
@@ -33,24 +34,20 @@ from piezo_stack_sim.plant.smooth import charge_gain, follow, smooth_step
 AFRESH = -1  # trust no more than short sub-steps, for the motion has changed
 
 
-@dot
+@inline
 def _look(watch, mode, z, used, first, last, out):
-    """Compute the watched values from ``first`` up to ``last`` of an extended state."""
-    for o in range(first, last):
-        total = 0.0
-        for c in range(used):
-            total += watch[mode, o, c] * z[c]
-        out[o] = total
+    """Compute watched values of an extended state, from ``first`` in lanes past ``last``."""
+    start = mode * (watch.shape[1] * watch.shape[2])
+    for o in range(first, last, LANES):
+        sums(watch, start + o, watch.shape[2], z, used, out, o)
 
 
-@dot
+@inline
 def _move(tables, at, z, used, rows, out):
     """Move a state by one propagator; rows behind the states are watched values."""
-    for i in range(rows):
-        total = 0.0
-        for c in range(used):
-            total += tables[at, i, c] * z[c]
-        out[i] = total
+    start = at * (tables.shape[1] * tables.shape[2])
+    for i in range(0, rows, LANES):
+        sums(tables, start + i, tables.shape[2], z, used, out, i)
 
 
 @jit
@@ -171,7 +168,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             if fresh:
                 _look(watch, mode, z, used, W_Q, n_look, now)
                 if smooth:
-                    now[W_Q1] *= charge_gain(watch[mode, W_Q, i_smooth], now[W_Q], real)
+                    now[W_Q1] *= charge_gain(watch[mode, i_smooth, W_Q], now[W_Q], real)
                 for c in range(n_states, used):
                     z1[c] = z[c]
                 fresh = False
@@ -233,7 +230,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             _move(tables, at + level, z, used, rows, held if smooth else end)
             if smooth:
                 error, v1, f1 = smooth_step(tables, at + level, z, held, n_states, rows, length,
-                                            watch[mode, W_Q, i_smooth], real, now, bend, end)
+                                            watch[mode, i_smooth, W_Q], real, now, bend, end)
                 if error > real[R_TOL] and level > 0:
                     level -= 1
                     continue
@@ -273,7 +270,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                     level = min(levels[d], habit)
                     if smooth:
                         inputs[SMOOTH_F] = smooth_force(s[0], real)
-                        _look(watch, mode, z, used, W_Q, W_Q1, now)
+                        _look(watch, mode, z, used, W_Q, n_look, now)
                         inputs[SMOOTH_V] = smooth_voltage(now[W_Q], real)
                 else:
                     known = False

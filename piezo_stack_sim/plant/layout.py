@@ -17,7 +17,12 @@ furthest charge since slip began (C), the present charge (C), the furthest
 displacement since the guide slips (m), the current of late (A), by what part break
 voltages have grown with it; and of the newest command by how much the charge
 jumped (C), where to (C) and how long ago (s).
+
+What is moved or watched is a product with a state: ``tables`` and ``watch`` hold their
+matrices column by column, each filled up to whole lanes (:mod:`piezo_stack_sim.plant.lanes`).
 """
+
+from piezo_stack_sim.plant.lanes import LANES, padded
 
 (M_FRICTION, M_FURTHEST, M_CHARGE, M_SLIDE, M_CURRENT, M_GROWTH, M_JUMP, M_BEGAN,
  M_SINCE) = range(9)
@@ -34,9 +39,11 @@ N_OUTPUTS = 6
 
 # What is watched of a state: charge and its rate, the rate of charge that the source
 # wants; where a longer sub-step is thought of, higher derivatives of charge and
-# displacement; at the end of a row the outputs.
-W_Q, W_Q1, W_WANT, W_Q2, W_Q3, W_X2, W_X3, W_OUT = range(8)
-N_WATCHED = W_OUT + N_OUTPUTS
+# displacement; at the end of a row the outputs.  Each of the three begins a set of lanes.
+W_Q, W_Q1, W_WANT = range(3)
+W_Q2, W_Q3, W_X2, W_X3 = range(LANES, LANES + 4)
+W_OUT = 2 * LANES
+N_WATCHED = W_OUT + padded(N_OUTPUTS)
 
 N_AHEAD = 3  # of them are known at the end of a sub-step together with the state
 

@@ -54,8 +54,8 @@ def _derive(matrix, n_states, used, watch, source, target):
     for c in range(used):
         total = 0.0
         for i in range(n_states):
-            total += watch[source, i] * matrix[i, c]
-        watch[target, c] = total
+            total += watch[i, source] * matrix[i, c]
+        watch[c, target] = total
 
 
 @jit
@@ -63,12 +63,12 @@ def _keep(e, n_states, used, watch, table):
     """Store a propagator, and behind the states the watched values at its end."""
     for c in range(e.shape[1]):
         for i in range(n_states):
-            table[i, c] = e[i, c]
+            table[c, i] = e[i, c]
         for o in range(N_AHEAD):
             total = 0.0
             for i in range(used):
-                total += watch[o, i] * e[i, c]
-            table[n_states + o, c] = total
+                total += watch[i, o] * e[i, c]
+            table[c, n_states + o] = total
 
 
 @jit
@@ -187,16 +187,16 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
             augmented[used + port, used + 2 + port] = 1.0
 
     for c in range(width):
-        watch[mode, W_Q, c] = q_row[c]
-        watch[mode, W_WANT, c] = want[c]
+        watch[mode, c, W_Q] = q_row[c]
+        watch[mode, c, W_WANT] = want[c]
     _derive(augmented, n_states, used, watch[mode], W_Q, W_Q1)
     for o in range(N_OUTPUTS):
         for c in range(n_states):
-            watch[mode, W_OUT + o, c] = reading[o, c]
+            watch[mode, c, W_OUT + o] = reading[o, c]
         for c in range(N_INPUTS):
-            watch[mode, W_OUT + o, n_states + c] = reading[o, n_states + 2 + c]
+            watch[mode, n_states + c, W_OUT + o] = reading[o, n_states + 2 + c]
         for c in range(width):
-            watch[mode, W_OUT + o, c] += (reading[o, n_states] * q_row[c]
+            watch[mode, c, W_OUT + o] += (reading[o, n_states] * q_row[c]
                                           + reading[o, n_states + 1] * v_row[c])
 
     # With the charge held the end is stiffer than with the leads shorted, Eqs. 20 and 21.
@@ -265,7 +265,7 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
         for i in range(n_states):
             for c in range(size):
                 same = 1.0 if c == i else 0.0
-                change[i, c] = (tables[at + level, i, c] - same) / length
-    watch[mode, W_X3, 1] = 1.0  # the velocity, for a moment
+                change[i, c] = (tables[at + level, c, i] - same) / length
+    watch[mode, 1, W_X3] = 1.0  # the velocity, for a moment
     for source, target in ((W_X3, W_X2), (W_X2, W_X3), (W_Q1, W_Q2), (W_Q2, W_Q3)):
         _derive(change, n_states, used, watch[mode], source, target)

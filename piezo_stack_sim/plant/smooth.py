@@ -45,12 +45,12 @@ def _meet(tables, at, z, held, n, rows, bend, length, real, end):
     q = held[n + W_Q]
     x = held[0]
     for c in range(used, used + N_RAMPS):
-        q += tables[at, n + W_Q, c] * z[c]
-        x += tables[at, 0, c] * z[c]
-    q_v = tables[at, n + W_Q, used] * slope
-    q_f = tables[at, n + W_Q, used + 1] * slope
-    x_v = tables[at, 0, used] * slope
-    x_f = tables[at, 0, used + 1] * slope
+        q += tables[at, c, n + W_Q] * z[c]
+        x += tables[at, c, 0] * z[c]
+    q_v = tables[at, used, n + W_Q] * slope
+    q_f = tables[at, used + 1, n + W_Q] * slope
+    x_v = tables[at, used, 0] * slope
+    x_f = tables[at, used + 1, 0] * slope
     dv = 0.0
     df = 0.0
     for _ in range(6):
@@ -75,7 +75,7 @@ def _meet(tables, at, z, held, n, rows, bend, length, real, end):
     for i in range(rows):
         total = held[i]
         for c in range(used, used + N_RAMPS):
-            total += tables[at, i, c] * z[c]
+            total += tables[at, c, i] * z[c]
         end[i] = total
     return v0 + dv, f0 + df
 

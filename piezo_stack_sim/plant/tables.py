@@ -12,6 +12,7 @@ import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import ideal, kernel, layout
 from piezo_stack_sim.plant.assembly import System
+from piezo_stack_sim.plant.lanes import padded
 
 TICK = 6.5e-8  # s; events are met on a grid at least this fine
 
@@ -59,16 +60,16 @@ class Tables:
         if system.ints[layout.I_SMOOTH]:
             columns += layout.N_RAMPS
         tables = np.zeros((modes * n_classes * (int(self.levels.max()) + 1),
-                           n + layout.N_AHEAD, columns))
+                           columns, padded(n + layout.N_AHEAD)))
         self._run = kernel.run
         self.arguments = (
             system.k, system.v_break, system.r, np.zeros((2, system.k.size)), system.real,
             system.ints, system.rates,
             system.opposing, system.reading, self.tick, self.levels,
             np.zeros((modes, n_classes), dtype=np.int64), np.zeros(modes, dtype=np.bool_), tables,
-            np.zeros((modes, layout.N_WATCHED, width)), np.zeros(modes), np.zeros(modes),
+            np.zeros((modes, width, layout.N_WATCHED)), np.zeros(modes), np.zeros(modes),
             np.zeros((layout.N_MATRICES, columns, columns)),
-            np.zeros((layout.N_ROWS, width + layout.N_RAMPS)))
+            np.zeros((layout.N_ROWS, max(width + layout.N_RAMPS, layout.N_WATCHED))))
 
     def run(self, seg_class, seg_ticks, u, force, rows, reads, state, out, read) -> None:
         """Run segments; ``state`` is s, p, flags, inputs, memory, changed in place."""
