@@ -208,7 +208,8 @@ def average(values: np.ndarray, factor: int) -> np.ndarray:
     if factor == 1:
         return np.asarray(values)
     m = len(values) // factor
-    return np.asarray(values)[:m * factor].reshape(m, factor).mean(axis=1)
+    # A product takes a tenth of the time of `mean` over so few.
+    return np.asarray(values)[:m * factor].reshape(m, factor) @ np.full(factor, 1.0 / factor)
 
 
 def _averaging(recording: Recording) -> int:
