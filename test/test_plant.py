@@ -12,11 +12,13 @@ import subprocess
 import sys
 import threading
 
+from numba import njit
 import numpy as np
 import piezo_stack_sim
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import (
     compilation, Device, Load, offline, Plant, PlantState, simulate, simulate_many, stack)
+from piezo_stack_sim.plant.lanes import LANES, padded, sums
 from piezo_stack_sim.recording.recording import Recording
 import pytest
 
@@ -361,3 +363,23 @@ def test_compiled_code_is_not_kept_when_what_it_calls_has_changed(tmp_path):
     with open(package / 'plant' / 'layout.py', 'a', encoding='utf-8') as file:
         file.write('# changed\n')
     assert (hits(), hits()) == ('0', '1')
+
+
+@pytest.mark.parametrize('used', [0, 1, 5, 7])
+def test_sums_in_lanes_are_the_product_with_the_columns_in_use_and_touch_nothing_else(used):
+    random = np.random.default_rng(used)
+    columns, rows = 7, padded(13)
+    assert rows == 2 * LANES
+    weights = random.standard_normal((3, columns, rows))
+    z = random.standard_normal(columns)
+
+    @njit
+    def product(weights, z, used, out):
+        for first in range(0, rows, LANES):
+            sums(weights, 1 * columns * rows + first, rows, z, used, out, LANES + first)
+
+    out = np.full(4 * LANES, 9.0)
+    product(weights, z, used, out)
+    expected = weights[1, :used].T @ z[:used] if used else np.zeros(rows)
+    assert out[LANES:3 * LANES] == pytest.approx(expected, rel=1e-14, abs=1e-15)
+    assert (out[:LANES] == 9.0).all() and (out[3 * LANES:] == 9.0).all()
