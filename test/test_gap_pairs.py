@@ -11,8 +11,9 @@ from piezo_stack_sim.gap.candidates import search_singles
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter, TONE
+from piezo_stack_sim.gap.form import Forms, LEAST
 from piezo_stack_sim.gap.forward import residuals, simulate_set, spans
-from piezo_stack_sim.gap.lens import Cells, whitened
+from piezo_stack_sim.gap.lens import Cells
 from piezo_stack_sim.gap.pairs import merit_of, search_partners
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.plant import Device, simulate
@@ -73,19 +74,62 @@ def test_fitted_and_withheld_rows_have_no_cell_in_common(evidence):
     assert not np.intersect1d(fitted, withheld).size
 
 
-def test_through_the_lens_what_is_loud_somewhere_hides_nothing_elsewhere(evidence):
-    cells = Cells(evidence, fitted=True)
+def doing(does):
+    """Return who simulates effects that do what is given, (N,) each, to a residual."""
+    def residual_of(others, phi, fit):
+        gone, = set(fit.effects) - set(others)
+        return fit.residual + does[gone]
+
+    return SimpleNamespace(residual_of=residual_of)
+
+
+def leaving(residual, *effects):
+    """Return what looks like a fit of some effects."""
+    return SimpleNamespace(effects=dict.fromkeys(effects, {}), phi=None, residual=residual)
+
+
+@pytest.fixture(scope='module')
+def bursts(evidence):
+    """Return noise, what an effect does now and then, and an error of its form of a tenth."""
     n = residuals(Device.nominal(), evidence).size
     random = np.random.default_rng(2)
-    loud = np.where(np.arange(n) % 1500 < 300, 300.0, 1.0) * random.standard_normal(n)
-    weak = np.sin(np.arange(n) / 40.0)
+    act = np.where(np.arange(n) % 1500 < 300, 3000.0, 0.0)
+    return random.standard_normal(n), act * random.standard_normal(n), 0.1 * (
+        act * random.standard_normal(n))
+
+
+def test_a_wrong_form_is_told_by_what_is_left_of_what_the_effect_does(evidence, bursts):
+    noise, does, wrong = bursts
+    forms = Forms(doing({'creep': does}), Cells(evidence, fitted=True))
+    right, poor = (forms.of(leaving(left, 'creep')) for left in (noise, noise + wrong))
+    assert right.worst == LEAST  # no better than any form is thought to be
+    assert 0.07 < poor.worst < 0.14
+    # Noise costs nothing; what is left of a loud effect, less than if nothing could excuse it.
+    assert forms.nats(leaving(noise)) < 0.01 * noise.size
+    assert forms.nats(leaving(noise + wrong, 'creep')) < 0.7 * forms.nats(leaving(noise + wrong))
+
+
+def test_what_the_form_of_a_loud_effect_misses_hides_nothing_where_it_does_not_act(
+        evidence, bursts):
+    noise, does, wrong = bursts
+    forms = Forms(doing({'creep': does}), Cells(evidence, fitted=True))
+    weak = np.sin(np.arange(noise.size) / 40.0)
 
     def deviations(look):
-        seen = look(loud + weak)
+        seen = look(noise + wrong + weak)
         return abs(look(weak) @ seen) / np.linalg.norm(look(weak)) / np.std(seen)
 
     assert deviations(lambda values: values) < 2.0
-    assert deviations(whitened(cells, loud + weak)) > 5.0
+    assert deviations(forms.lens(leaving(noise + wrong + weak, 'creep'))) > 5.0
+
+
+def test_a_second_effect_is_dearer_as_an_error_of_form_than_as_an_effect(evidence, bursts):
+    noise, does, wrong = bursts
+    weak = 3.0 * np.sin(np.arange(noise.size) / 40.0)
+    forms = Forms(doing({'creep': does, 'leakage': weak}), Cells(evidence, fitted=True))
+    alone = leaving(noise + wrong + weak, 'creep')
+    both = leaving(noise + wrong, 'creep', 'leakage')
+    assert forms.nats(alone) - forms.nats(both) > DEFAULTS.formed
 
 
 def test_a_weak_second_effect_is_found_beside_what_the_form_of_the_first_misses(device):
@@ -144,7 +188,7 @@ def test_beside_a_quiet_effect_in_many_rows_the_loud_one_is_asked_for_its_partne
     monkeypatch.setattr(decision, 'exchange', lambda *given: None)
     monkeypatch.setattr(decision, 'polish_pairs', lambda *given: None)
     monkeypatch.setattr(decision, 'search_mended', lambda *given: None)
-    decision.search_pairs(None, search, SimpleNamespace(evidence=evidence), DEFAULTS, None)
+    decision.search_pairs(None, search, SimpleNamespace(evidence=evidence), DEFAULTS, None, None)
     assert bases == asked
 
 
@@ -201,7 +245,7 @@ def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
     names = ('leakage', 'parallel_stiffness', 'stiffness_hardening', 'contact')
     search = search_singles(fitter, lambda message: None, names)
     # What mends the form of the first leads by cells.
-    monkeypatch.setattr(pairs, '_leading', lambda gains, most: [])
+    monkeypatch.setattr(pairs, '_leading', lambda gains, most, near=0.0: [])
     search_partners(fitter, search, 'parallel_stiffness', lambda message: None, names)
     found = search.fits['leakage+parallel_stiffness'].effects
     assert found['leakage']['resistance'] == pytest.approx(1e8, rel=0.05)

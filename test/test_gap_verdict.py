@@ -283,6 +283,28 @@ def test_a_second_effect_counts_that_shows_where_the_first_hardly_acts(
     assert decide(singles, [pair], 0.8, 20.0, [], kin=relatives).word == 'CAUSE'
 
 
+@pytest.mark.parametrize('form, wrong, word', [
+    (400.0, 0.1, 'MULTIPLE'),
+    (100.0, 0.1, 'CAUSE'),  # an error of form does nearly as well
+    (400.0, 0.5, 'CAUSE')])  # the second would itself be half wrong
+def test_a_second_effect_counts_that_no_error_of_the_firsts_form_could_be(form, wrong, word):
+    # By cells that may hold anything neither counts for much.
+    singles = [Ranked('rate_dependent_hysteresis', 600.0, 0.94, 3, 0.1),
+               Ranked('thermal_drift', 4.0, 0.06, 2)]
+    pair = Ranked('rate_dependent_hysteresis+thermal_drift', 615.0, 0.96, 5, 0.08, second=20.0,
+                  part=0.1, over=15.0, form=form, wrong=wrong)
+    verdict = decide(singles, [pair], 0.99, 30.0, [])
+    assert verdict.word == word
+    assert ('an error of its form' in verdict.reason) == (word == 'MULTIPLE')
+    # What a relative of the first does is an error of its form; so is what explains no more than
+    # that does.
+    relatives = {frozenset(pair.name.split('+'))}
+    assert decide(singles, [pair], 0.99, 30.0, [], kin=relatives).word == 'CAUSE'
+    mending = replace(pair, name='rate_dependent_hysteresis+creep', form=form + 50.0)
+    relatives = {frozenset(mending.name.split('+'))}
+    assert decide(singles, [pair, mending], 0.99, 30.0, [], kin=relatives).word == 'CAUSE'
+
+
 @pytest.mark.parametrize('removed, over, word', [
     (0.9995, 140.0, 'MULTIPLE'),
     (0.99, 140.0, 'CAUSE'),  # what is left may be the second's, or the form of the first

@@ -31,4 +31,6 @@ EFFECT = Effect(
                   'displacement before it slides', scale='log', magnitude=False, default=5e-8,
                   runtime=False, tries=(5e-8, 5e-9)),
     ),
-    apply, channels=('charge', 'displacement'))
+    apply, channels=('charge', 'displacement'),
+    # Real friction depends on the speed.
+    form_like=('rate_dependent_hysteresis',))

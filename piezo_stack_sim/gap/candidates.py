@@ -183,10 +183,9 @@ def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndar
                search.fits[best].phi)
               for name in times if _outdoes(search, best, name)]
     for name, other in itertools.permutations(search.fits, 2):
-        shared = _shared(name, other) if _outdoes(search, other, name) else {}
-        if shared:
-            known = {key: min(max(search.fits[other].effects[other][key], low), high)
-                     for key, (low, high) in shared.items()}
+        bounds = shared(name, other) if _outdoes(search, other, name) else {}
+        if bounds:
+            known = clipped(search.fits[other].effects[other], bounds)
             places += [(name, {**probe.place, **known}, search.fits[other].phi)
                        for probe in _distinct(search.probes[name])[:PLACES]]
     return places
@@ -196,7 +195,13 @@ def _outdoes(search: Search, other: str, name: str) -> bool:
     return search.fits[other].cost < OUTDONE * search.fits[name].cost
 
 
-def _shared(name: str, other: str) -> dict[str, tuple[float, float]]:
+def clipped(values: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
+            ) -> dict[str, float]:
+    """Return those values that have bounds, within them."""
+    return {key: min(max(values[key], low), high) for key, (low, high) in bounds.items()}
+
+
+def shared(name: str, other: str) -> dict[str, tuple[float, float]]:
     """Return what shapes an effect and another of its block has, too, by name, with its bounds."""
     if EFFECTS[name].block != EFFECTS[other].block:
         return {}

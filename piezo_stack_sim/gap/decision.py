@@ -15,14 +15,15 @@ from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence, of_any_colour, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter
+from piezo_stack_sim.gap.form import Forms
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.pairs import (
-    add_pair, exchange, exchange_alike, explained, leading_pairs, merit_of, pair_of, polish_pairs,
-    search_mended, search_partners)
+    add_pair, exchange, exchange_alike, explained, first_of, leading_pairs, merit_of, pair_of,
+    polish_pairs, search_mended, search_partners)
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
-from piezo_stack_sim.gap.second import counts, second_explains, stands_clear
+from piezo_stack_sim.gap.second import counts, second_explains, stands_clear, well_formed
 from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
@@ -101,7 +102,7 @@ def _ranker(search: Search, judge: Judge, removable: Removable) -> Callable[[str
     return ranked
 
 
-def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removable,
+def rank_pairs(forms: Forms, search: Search, judge: Judge, removable: Removable,
                kept: Collection[str] = ()) -> list[Ranked]:
     """
     Return pairs, best first: by what the second effect explains where the first leaves it.
@@ -109,27 +110,36 @@ def rank_pairs(fitter: Fitter, search: Search, judge: Judge, removable: Removabl
     Only the best are looked at, and those to be ``kept``.
     """
     pairs = rank([n for n in search.fits if '+' in n], search, judge, removable)
-    pairs.sort(key=lambda r: (judge.cells.nats(search.fits[r.name].residual), r.name))
-    pairs = [pair for rank, pair in enumerate(pairs) if rank < PAIRS_SHOWN or pair.name in kept]
-    alone = min((judge.cells.nats(fit.residual) for fit in search.bases.values()), default=0.0)
+    cells = judge.cells
+    formed = dict(zip((pair.name for pair in pairs), parallel(
+        lambda pair: forms.of(search.fits[pair.name]), pairs)))
+    most = min(formed, key=lambda name: formed[name].nats, default='')
+    pairs.sort(key=lambda r: (cells.nats(search.fits[r.name].residual), r.name))
+    pairs = [pair for rank, pair in enumerate(pairs)
+             if rank < PAIRS_SHOWN or pair.name in (most, *kept)]
+    alone = min((cells.nats(fit.residual) for fit in search.bases.values()), default=0.0)
+    excused = min(parallel(forms.nats, search.bases.values()), default=0.0)
 
     def asked(pair):
+        form = formed[pair.name]
+        second = set(pair.name.split('+')) - {first_of(forms, search, pair.name)}
+        pair = replace(pair, form=excused - form.nats, wrong=max(form.shares[n] for n in second))
         if pair.name not in kept and not set(pair.name.split('+')) <= set(search.bases):
             return pair  # not among the best: nobody asked what each of the two does alone
-        merit = explained(fitter, search, judge.cells, pair.name, clear=True)
-        lost = judge.cells.nats(search.fits[pair.name].residual)
+        merit = explained(forms, search, pair.name, clear=True)
+        lost = cells.nats(search.fits[pair.name].residual)
         return replace(pair, second=merit.nats, part=merit.part, clear=merit.clear,
                        clear_part=merit.clear_part, over=alone - lost)
 
     return parallel(asked, pairs)
 
 
-def rank_mended(fitter: Fitter, search: Search, judge: Judge, removable: Removable
+def rank_mended(forms: Forms, search: Search, judge: Judge, removable: Removable
                 ) -> list[Ranked]:
     """Return pairs as they leave the gap if a third effect mends the form of the first."""
     ranked, pairs = _ranker(search, judge, removable), []
     for name, (first, whole) in search.mended.items():
-        merit = merit_of(fitter, judge.cells, first, whole)
+        merit = merit_of(forms.fitter, forms.cells, first, whole)
         over = judge.cells.nats(first.residual) - judge.cells.nats(whole.residual)
         beside = ranked(pair_of(*first.effects), first)
         pairs.append(replace(ranked(name, whole), second=merit.nats, part=merit.part, over=over,
@@ -153,7 +163,7 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
         search.corrected[pair.name] = plain if better else weighed
     again, = rank([pair.name], search, judge, removable)
     return replace(again, second=pair.second, part=pair.part, over=pair.over, clear=pair.clear,
-                   clear_part=pair.clear_part)
+                   clear_part=pair.clear_part, form=pair.form, wrong=pair.wrong)
 
 
 def judge_of(fitter: Fitter, search: Search) -> Judge:
@@ -162,7 +172,7 @@ def judge_of(fitter: Fitter, search: Search) -> Judge:
 
 
 def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thresholds,
-                 progress: Callable[[str], None], cut: Cut | None = None) -> None:
+                 progress: Callable[[str], None], alike: Alike, cut: Cut | None = None) -> None:
     """Fit second effects beside the best, where these leave something that they could explain."""
     names = [name for name in EFFECTS if cut is None or cut.allows(name)]
     removable = Removable(judge.evidence, search.nominal.residual)
@@ -191,6 +201,8 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
                 and (name in least or left < thresholds.finishes * (1.0 - loudest.removed))):
             add_pair(fitter, search, search.fits[name].effects, search.fits[name].phi)
     search_mended(fitter, search, progress, names)
+    for name in leading_pairs(fitter, search, 1):
+        exchange_alike(fitter, search, name, alike.resembling, progress)
 
 
 def _without_colour(fitter: Fitter, search: Search, judge: Judge) -> float:
@@ -237,20 +249,22 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     removable = Removable(judge.evidence, search.nominal.residual)
     singles = _singles(search, judge, removable)
     best = singles[0]
+    forms = Forms(fitter, judge.cells)
 
     def ranked(kept: Collection[str]) -> list[Ranked]:
         def corrected(pair):
             if best.name in pair.name.split('+') and (
                     second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
+                    or well_formed(best, pair, thresholds, alike.kin)
                     or stands_clear(best, pair, thresholds, alike.kin)):
                 return _by_all_rows(fitter, search, judge, removable, pair, best.name)
             return pair
 
-        return parallel(corrected, rank_pairs(fitter, search, judge, removable, kept))
+        return parallel(corrected, rank_pairs(forms, search, judge, removable, kept))
 
     pairs = ranked([cut.pair] if cut else [])
     structure = judge.structure(search.nominal.residual)
-    hidden = rank_mended(fitter, search, judge, removable)
+    hidden = rank_mended(forms, search, judge, removable)
     verdict = decide(singles, [*pairs, *hidden], ceiling, structure, alike.groups, thresholds,
                      alike.kin, cut)
     if (verdict.word == 'UNKNOWN' and cut is None and best.removed < thresholds.half
@@ -269,7 +283,7 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
             # What only mends the form of the first explains more than a second that it hid.
             rivals = [pair for pair in pairs if pair.name in (name, *asked)]
         elif any(pair.name == name and not counts(best, pair, thresholds, alike.kin)
-                 for pair in pairs):
+                 and not well_formed(best, pair, thresholds, alike.kin) for pair in pairs):
             # And more than one that shows where the first hardly acts.
             rivals = [pair for pair in pairs if pair.name == name
                       or stands_clear(best, pair, thresholds, alike.kin)]

@@ -113,6 +113,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     evidence = fitter.evidence
     terminals = look_at_terminals(fitter, search, thresholds, progress)
     judge = judge_of(fitter, search)
+    alike = isolability(fitter, search)
     cut = None
     if terminals is not None:
         cut = terminals.join(fitter, search, thresholds, progress)
@@ -120,11 +121,10 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     told = cut is not None and cut.removed >= thresholds.behind and (
         search.merits[cut.pair].nats > thresholds.hint)
     if cut is None or cut.known and not told:
-        search_pairs(fitter, search, judge, thresholds, progress, cut)
+        search_pairs(fitter, search, judge, thresholds, progress, alike, cut)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
-    alike = isolability(fitter, search)
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
     decision = doubted(fitter, search, decision, thresholds)
     verdict, chosen = decision.verdict, decision.chosen(search)

@@ -1,17 +1,19 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What of a residual a fit looks at: plain rows, or what stands out where little is left.
+What of a residual a fit looks at: plain rows, or cells of time and frequency.
 
 No library holds the true form of an effect, and what the form of one misses is
 mostly louder than a second effect.  But it is loud at some times and in some
-bands only.  Seen in short blocks and octaves, each weighed by what is left in
-it, a weak second effect stands out where the first has been explained.
+bands only: in short blocks and octaves a weak second effect stands out where
+the first has been explained.  What to expect in a cell is told by
+:mod:`piezo_stack_sim.gap.form`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from piezo_stack_sim.gap.evidence import Evidence
@@ -54,6 +56,25 @@ class Cells:
                                     for a, b in zip(starts, ends)])
             self.blocks.append(where.start + begin[:, None] + np.arange(length))
 
+    def of(self, spectrum: np.ndarray) -> list[np.ndarray]:
+        """Return the mean square of coefficients (M,) in cells: (blocks, octaves) by track."""
+        result, start = [], 0
+        for rows in self.blocks:
+            sort, size = _octaves(rows.shape[1])
+            part = spectrum[start:start + rows.size].reshape(rows.shape)
+            start += rows.size
+            result.append(part ** 2 @ sort / size)
+        return result
+
+    def sizes(self) -> list[np.ndarray]:
+        """Return how many coefficients there are in the cells of a block: (octaves,) by track."""
+        return [_octaves(rows.shape[1])[1] for rows in self.blocks]
+
+    def over(self, cells: list[np.ndarray]) -> np.ndarray:
+        """Return numbers of the cells, (blocks, octaves) by track, at every coefficient (M,)."""
+        return np.concatenate([(each @ _octaves(rows.shape[1])[0].T).ravel()
+                               for each, rows in zip(cells, self.blocks)])
+
     def spectrum(self, values: np.ndarray) -> np.ndarray:
         """Return orthonormal cosine coefficients (M,) or (M, k) of values (N,) or (N, k)."""
         return np.concatenate([
@@ -62,32 +83,33 @@ class Cells:
 
     def powers(self, spectrum: np.ndarray) -> np.ndarray:
         """Return the mean square about every coefficient (M,), no less than that of the noise."""
-        result, start = [], 0
-        for rows in self.blocks:
-            count, length = rows.shape
-            octave = np.frexp(np.arange(length))[1]
-            sort = np.eye(octave[-1] + 1)[octave]  # (length, octaves)
-            part = spectrum[start:start + rows.size].reshape(count, length)
-            start += rows.size
-            total, size = part ** 2 @ sort, sort.sum(axis=0)
+        smooth = []
+        for power, size in zip(self.of(spectrum), self.sizes()):
+            total, count = power * size, len(power)
             power = np.empty_like(total)
             for k, coefficients in enumerate(size):
                 around = int(np.ceil((STEADY / coefficients - 1.0) / 2.0))
                 window = np.ones(min(2 * max(around, 0) + 1, count))
                 power[:, k] = (np.convolve(total[:, k], window, 'same')
                                / np.convolve(np.full(count, coefficients), window, 'same'))
-            result.append((power @ sort.T).ravel())
-        return np.maximum(np.concatenate(result), 1.0)
+            smooth.append(power)
+        return np.maximum(self.over(smooth), 1.0)
 
     def nats(self, residual: np.ndarray) -> float:
         """Return what a residual (N,) loses in log likelihood if the power of no cell is known."""
         return 0.5 * float(np.sum(np.log(self.powers(self.spectrum(residual)))))
 
 
-def whitened(cells: Cells, residual: np.ndarray) -> Lens:
-    """Return the lens that weighs every cell by what a residual (N,) leaves in it."""
-    weight = 1.0 / np.sqrt(cells.powers(cells.spectrum(residual)))
+@lru_cache
+def _octaves(length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return which coefficient is in which octave (length, octaves), and how many are in each."""
+    octave = np.frexp(np.arange(length))[1]
+    sort = np.eye(octave[-1] + 1)[octave]
+    return sort, sort.sum(axis=0)
 
+
+def weighed(cells: Cells, weight: np.ndarray) -> Lens:
+    """Return the lens that shows the cosine coefficients of residuals times a weight (M,)."""
     def look(values: np.ndarray) -> np.ndarray:
         seen = cells.spectrum(values)
         return seen * (weight if values.ndim == 1 else weight[:, None])

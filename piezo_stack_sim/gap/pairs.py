@@ -6,9 +6,8 @@ Second effects, found where the first has been explained.
 No library holds the true form of an effect, and what the form of the first
 misses is mostly louder than a second effect.  A pair is therefore fitted in
 cells of time and frequency (:mod:`piezo_stack_sim.gap.lens`), each weighed by
-what is left in it, and weighed anew as the fit goes on: what is minimised is
-the sum of the logarithms of the powers, the likelihood of noise whose power is
-known in no cell.
+what errors of form are granted there (:mod:`piezo_stack_sim.gap.form`), and
+weighed anew as the fit goes on.
 """
 
 from __future__ import annotations
@@ -20,24 +19,26 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import (
-    is_idle, Merit, Probe, probe_tone, RIVAL, Search, times_of)
+    clipped, is_idle, Merit, Probe, probe_tone, RIVAL, Search, shared, times_of)
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
-from piezo_stack_sim.gap.lens import Cells, whitened
+from piezo_stack_sim.gap.form import Forms
+from piezo_stack_sim.gap.lens import Cells
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.swings import FALLEN, find_history
 
-PARTNERS = 5  # second effects that get a fit
+PARTNERS = 8  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows
-EXCHANGED, PLAIN_EXCHANGED = 2, 1  # the same beside the second effect of the best pair
+EXCHANGED, PLAIN_EXCHANGED = 3, 1  # the same beside the second effect of the best pair
 MENDED = 3  # and beside a first whose form another mends
 SLACK = 0.1  # part by which the promises of places of an effect may differ and count as alike
-FIRST_STEPS = 2  # Gauss-Newton steps of all of them
+FIRST_STEPS = 6  # Gauss-Newton steps of all of them
 LOUD = 0.25  # part of what the first leaves by plain rows that one fitted to the end may leave
+SETTLED, NEAR = 5, 0.08  # pairs that are led on, if they gain this part of what the best does
 LEADING = 2  # pairs that are fitted to the end, by what they lose and by merit
 PLAIN_STEPS = 4  # of these, to all rows alike
 ALONE_STEPS = 2  # and of each of two without the other
-WEIGHED_STEPS = 3  # of a fit in cells, before they are weighed anew
+WEIGHED_STEPS = 6  # of a fit in cells, before they are weighed anew
 FIRST_WEIGHINGS, WEIGHINGS = 2, 3  # how often they are, at first and in the end
 ARRIVED, RELATIVE = 2.0, 2e-3  # nats, and part of them, by which it must get better to go on
 HOPEFUL_NATS, HOPEFUL_PART = 20.0, 0.2  # merit from which a pair is worth another look
@@ -51,21 +52,21 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     """
     Fit pairs of ``base`` and every other effect of ``names`` that promises something.
 
-    What the form of ``base`` misses is mostly louder than a second effect: every cell of time
-    and frequency is weighed by what ``base`` leaves in it.  ``pair`` is a pair with it, if there
+    What the form of ``base`` misses is mostly louder than a second effect: cells of time and
+    frequency in which ``base`` does much count for little.  ``pair`` is a pair with it, if there
     is one: it may know a better place for it.
     """
     progress(f'fitting pairs with {words(base)}')
-    cells = Cells(fitter.evidence, fitted=True)
-    fit = _settled(fitter, cells, search.fits[base])
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    fit = _settled(forms, search.fits[base])
     if pair is not None:
-        other = _alone(fitter, cells, base, pair)
-        fit = other if _better(cells, other, fit) else fit
-    if base not in search.bases or _better(cells, fit, search.bases[base]):
+        other = _alone(forms, base, pair)
+        fit = other if forms.better(other, fit) else fit
+    if forms.better(fit, search.bases.get(base)):
         search.bases[base] = fit
     fit = search.bases[base]
     search.asked.add(base)
-    weighed = fitter.through(whitened(cells, fit.residual))
+    weighed = fitter.through(forms.lens(fit, hoped=True))
     partners, plain = (PARTNERS, PLAIN_PARTNERS) if pair is None else (EXCHANGED, PLAIN_EXCHANGED)
     # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
     others = [name for name in names if name != base]
@@ -90,50 +91,45 @@ def search_partners(fitter: Fitter, search: Search, base: str,
             rows = fitter.fit({**fit.effects, name: places[name]}, fit.phi, PLAIN_STEPS)
             left = rows.cost
             rows = weighed.fit(rows.effects, rows.phi, FIRST_STEPS, beside=rows)
-            pair = min(pair, rows, key=lambda fit: cells.nats(fit.residual))
+            pair = min(pair, rows, key=forms.nats)
         return pair_of(base, name), pair, left
 
     def acting(pair):
-        return merit_of(fitter, cells, fit, pair)
+        return merit_of(fitter, forms.cells, fit, pair)
 
     def settled(name):
-        return name, _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
+        return name, _settled(forms, fitted[name], FIRST_WEIGHINGS)
 
     found = [(name, pair, left) for name, pair, left in parallel(whole, chosen.items())
              if not any(is_idle(weighed, pair, other) for other in pair.effects if other != base)]
     fitted = {name: pair for name, pair, _ in found}
     merits = dict(zip(fitted, parallel(acting, fitted.values())))
-    lost = cells.nats(fit.residual)
-    gains = dict(zip(fitted, parallel(lambda pair: lost - cells.nats(pair.residual),
-                                      fitted.values())))
-    best = _leading(gains, LEADING)
+    lost = forms.nats(fit)
+    gains = dict(zip(fitted, parallel(lambda pair: lost - forms.nats(pair), fitted.values())))
+    best = _leading(gains, SETTLED, NEAR)
     best += [name for name in _leading({name: merits[name].product for name in fitted}, LEADING)
              if name not in best]
     # What mends the form of the first explains more cells than what is loud in a few.
     best += [name for name, _, left in found if left < LOUD * plainly and name not in best]
     for name, pair in parallel(settled, best):
-        if _better(cells, pair, search.fits.get(name)):
+        if forms.better(pair, search.fits.get(name)):
             search.fits[name] = pair
             search.merits[name] = acting(pair)
 
 
-def _leading(gains: dict[str, float], most: int) -> list[str]:
+def _leading(gains: dict[str, float], most: int, near: float = RIVAL) -> list[str]:
     """Return the names that gain most: the best, and those that come near it."""
     names = sorted(gains, key=lambda name: -gains[name])[:most]
-    return [name for name in names if gains[name] >= RIVAL * gains[names[0]] > 0.0]
+    return [name for name in names if gains[name] >= near * gains[names[0]] > 0.0]
 
 
-def _better(cells: Cells, fit: Fit, known: Fit | None) -> bool:
-    return known is None or cells.nats(fit.residual) < cells.nats(known.residual)
-
-
-def _settled(fitter: Fitter, cells: Cells, fit: Fit, weighings: int = WEIGHINGS) -> Fit:
+def _settled(forms: Forms, fit: Fit, weighings: int = WEIGHINGS) -> Fit:
     """Return a fit that was led to where it loses the fewest nats: weighed anew, fitted anew."""
-    lost = cells.nats(fit.residual)
+    lost = forms.nats(fit)
     for _ in range(weighings):
-        new = fitter.through(whitened(cells, fit.residual)).fit(
+        new = forms.fitter.through(forms.lens(fit)).fit(
             fit.effects, fit.phi, WEIGHED_STEPS, beside=fit)
-        before, lost = lost, cells.nats(new.residual)
+        before, lost = lost, forms.nats(new)
         if lost >= before:
             break
         fit = new
@@ -142,10 +138,10 @@ def _settled(fitter: Fitter, cells: Cells, fit: Fit, weighings: int = WEIGHINGS)
     return fit
 
 
-def _alone(fitter: Fitter, cells: Cells, base: str, pair: Fit) -> Fit:
+def _alone(forms: Forms, base: str, pair: Fit) -> Fit:
     """Return a fit of one effect of a pair without the other."""
-    start = fitter.fit({base: pair.effects[base]}, pair.phi, ALONE_STEPS)
-    return _settled(fitter, cells, start, FIRST_WEIGHINGS)
+    start = forms.fitter.fit({base: pair.effects[base]}, pair.phi, ALONE_STEPS)
+    return _settled(forms, start, FIRST_WEIGHINGS)
 
 
 def _promises(fitter: Fitter, search: Search, names: Collection[str], fit: Fit
@@ -176,29 +172,28 @@ def exchange(fitter: Fitter, search: Search, progress: Callable[[str], None],
 
 def polish_pairs(fitter: Fitter, search: Search) -> None:
     """Fit the best pairs to all they leave, loud or not: it may lead out of a side valley."""
-    cells = Cells(fitter.evidence, fitted=True)
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
 
     def whole(name):
         fit = search.fits[name]
-        return name, _settled(fitter, cells, fitter.fit(fit.effects, fit.phi, PLAIN_STEPS))
+        return name, _settled(forms, fitter.fit(fit.effects, fit.phi, PLAIN_STEPS))
 
     def alone(job):
         base, pair = job
-        return base, _alone(fitter, cells, base, search.fits[pair])
+        return base, _alone(forms, base, search.fits[pair])
 
-    pairs = _hopeful(search)
-    lost = min(cells.nats(fit.residual) for fit in search.bases.values())
-    best = _leading({name: lost - cells.nats(search.fits[name].residual) for name in pairs},
-                    LEADING)
-    best += [name for name in _leading({name: search.merits[name].product for name in pairs}, 1)
-             if name not in best]
+    lost = min(map(forms.nats, search.bases.values()))
+    best = _leading({name: lost - forms.nats(fit) for name, fit in search.fits.items()
+                     if '+' in name}, LEADING)
+    best += [name for name in _leading({name: search.merits[name].product
+                                        for name in _hopeful(search)}, 1) if name not in best]
     for name, pair in parallel(whole, best):
-        if _better(cells, pair, search.fits[name]):
+        if forms.better(pair, search.fits[name]):
             search.fits[name] = pair
     # Each of two is asked whether it does alone: it may have been stuck where the pair is not.
     jobs = {base: name for name in reversed(best) for base in name.split('+')}
     for base, fit in parallel(alone, jobs.items()):
-        if _better(cells, fit, search.bases.get(base)):
+        if forms.better(fit, search.bases.get(base)):
             search.bases[base] = fit
 
     def again(base):
@@ -215,9 +210,9 @@ def leading_pairs(fitter: Fitter, search: Search, most: int) -> list[str]:
     pairs = [name for name in search.fits if '+' in name]
     if not pairs:
         return []
-    cells = Cells(fitter.evidence, fitted=True)
-    lost = min(cells.nats(fit.residual) for fit in search.bases.values())
-    gains = {name: lost - cells.nats(search.fits[name].residual) for name in pairs}
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    lost = min(map(forms.nats, search.bases.values()))
+    gains = {name: lost - forms.nats(search.fits[name]) for name in pairs}
     best = sorted(gains, key=lambda name: -gains[name])[:most]
     return [name for name in best if gains[name] > HOPEFUL_NATS]
 
@@ -250,15 +245,15 @@ def add_pair(fitter: Fitter, search: Search, start: dict[str, dict[str, float]],
         The name of the pair.
 
     """
-    cells = Cells(fitter.evidence, fitted=True)
-    pair = _settled(fitter, cells, fitter.fit(start, phi, PLAIN_STEPS))
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    pair = _settled(forms, fitter.fit(start, phi, PLAIN_STEPS))
     name = pair_of(*start)
-    search.fits[name] = pair if _better(cells, pair, search.fits.get(name)) else search.fits[name]
+    search.fits[name] = pair if forms.better(pair, search.fits.get(name)) else search.fits[name]
     for base in start:
-        fit = _alone(fitter, cells, base, search.fits[name])
-        if base not in search.bases or _better(cells, fit, search.bases[base]):
+        fit = _alone(forms, base, search.fits[name])
+        if forms.better(fit, search.bases.get(base)):
             search.bases[base] = fit
-    search.merits[name] = explained(fitter, search, cells, name)
+    search.merits[name] = explained(forms, search, name)
     return name
 
 
@@ -288,24 +283,25 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     """
     progress(f'looking for what resembles {words(name)}')
     known = search.fits[name]
-    cells = Cells(fitter.evidence, fitted=True)
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
     starts = {}
     for out in name.split('+'):
         kept, = set(name.split('+')) - {out}
         without = fitter.fit({kept: known.effects[kept]}, known.phi, ALONE_STEPS)
-        others = [other for other in EFFECTS if frozenset((out, other)) in alike
-                  and other != kept and other in search.probes]
+        others = [other for other in search.probes if other not in name.split('+') and (
+            frozenset((out, other)) in alike or shared(other, out))]
         for other, place in _promises(fitter, search, others, without)[:EXCHANGED]:
             pair = pair_of(kept, other)
+            place = {**place, **clipped(known.effects[out], shared(other, out))}
             starts[pair] = search.fits.get(pair) or replace(
                 known, effects={kept: known.effects[kept], other: place})
 
     def whole(pair):
         start = starts[pair]
-        return pair, _settled(fitter, cells, fitter.fit(start.effects, start.phi, PLAIN_STEPS))
+        return pair, _settled(forms, fitter.fit(start.effects, start.phi, PLAIN_STEPS))
 
     for pair, fit in parallel(whole, starts):
-        if _better(cells, fit, search.fits.get(pair)):
+        if forms.better(fit, search.fits.get(pair)):
             search.fits[pair] = fit
     return list(starts)
 
@@ -319,17 +315,17 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
     of these explain it better than one, what they leave shows a second effect that the form of
     one had hidden.
     """
-    cells = Cells(fitter.evidence, fitted=True)
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
     times = times_of(EFFECTS)
-    forms = {name: cells.nats(search.fits[name].residual) for name in _hopeful(search)
+    timed = {name: forms.nats(search.fits[name]) for name in _hopeful(search)
              if set(name.split('+')) <= set(times) and set(name.split('+')) & search.asked}
-    if not forms:
+    if not timed:
         return
-    form = min(forms, key=lambda name: forms[name])
+    form = min(timed, key=lambda name: timed[name])
     first = min(form.split('+'), key=lambda name: search.fits[name].cost)
     progress(f'looking past the form of {words(first)}')
-    fit = _settled(fitter, cells, search.fits[form])
-    weighed = fitter.through(whitened(cells, fit.residual))
+    fit = _settled(forms, search.fits[form])
+    weighed = fitter.through(forms.lens(fit))
     others = [name for name in names if name not in times and name in search.probes]
     chosen = {**dict(_promises(fitter, search, others, fit)[:PLAIN_PARTNERS]),
               **dict(_promises(weighed, search, others, fit)[:MENDED])}
@@ -339,9 +335,9 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
         return name, weighed.fit({**fit.effects, name: values}, fit.phi, FIRST_STEPS, beside=fit)
 
     def settled(name):
-        triple = _settled(fitter, cells, fitted[name], FIRST_WEIGHINGS)
+        triple = _settled(forms, fitted[name], FIRST_WEIGHINGS)
         effects = {each: triple.effects[each] for each in (first, name)}
-        pair = _settled(fitter, cells, fitter.fit(effects, triple.phi, PLAIN_STEPS))
+        pair = _settled(forms, fitter.fit(effects, triple.phi, PLAIN_STEPS))
         return pair_of(first, name), triple, pair
 
     fitted = {name: triple for name, triple in parallel(whole, chosen.items())
@@ -350,27 +346,30 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
     best = _leading({name: without - triple.cost for name, triple in fitted.items()}, LEADING)
     for name, triple, pair in parallel(settled, best):
         search.mended[name] = fit, triple
-        if _better(cells, pair, search.fits.get(name)):
+        if forms.better(pair, search.fits.get(name)):
             search.fits[name] = pair
         for base in pair.effects:
             if base not in search.bases:
-                search.bases[base] = _alone(fitter, cells, base, pair)
-        search.merits[name] = explained(fitter, search, cells, name)
+                search.bases[base] = _alone(forms, base, pair)
+        search.merits[name] = explained(forms, search, name)
 
 
-def explained(fitter: Fitter, search: Search, cells: Cells, name: str, clear: bool = False
-              ) -> Merit:
+def first_of(forms: Forms, search: Search, name: str) -> str:
+    """Return which effect of a pair explains more alone, as far as that was asked; '' if not."""
+    return min((base for base in search.bases if base in name.split('+')),
+               key=lambda base: forms.nats(search.bases[base]), default='')
+
+
+def explained(forms: Forms, search: Search, name: str, clear: bool = False) -> Merit:
     """
     Return how much of what the first effect leaves a second explains, where it acts.
 
     Parameters
     ----------
-    fitter : Fitter
-        With which all was fitted.
+    forms : Forms
+        Judges, by the rows to judge by.
     search : Search
         Where the pair is.
-    cells : Cells
-        The rows to judge by.
     name : str
         The pair.
     clear : bool
@@ -381,9 +380,8 @@ def explained(fitter: Fitter, search: Search, cells: Cells, name: str, clear: bo
     Merit
 
     """
-    base = min((base for base in search.bases if base in name.split('+')),
-               key=lambda base: cells.nats(search.bases[base].residual))
-    return merit_of(fitter, cells, search.bases[base], search.fits[name], clear)
+    base = first_of(forms, search, name)
+    return merit_of(forms.fitter, forms.cells, search.bases[base], search.fits[name], clear)
 
 
 def merit_of(fitter: Fitter, cells: Cells, alone: Fit, whole: Fit, clear: bool = False

@@ -42,6 +42,9 @@ class Thresholds:
     clear: float = 50.0  # or else nats that it must explain where the first hardly acts
     clear_part: float = 0.45  # and the part of what is left there
     clear_first: float = 0.9  # where the first removes so much: else what is left may be anything
+    formed: float = 250.0  # or else nats that errors of form must excuse less of two than of one
+    excused: float = 40.0  # nats of these that any second must have
+    misformed: float = 0.3  # share of what the second does by which its form may be wrong
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.75  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
@@ -85,6 +88,8 @@ class Ranked:
     clear: float = 0.0  # and the nats where the first does less than the second
     clear_part: float = 0.0  # and the part there
     over: float = math.inf  # nats by which it is better than any single effect
+    form: float = math.inf  # the same where errors of form are excused (gap/form.py)
+    wrong: float = 0.0  # and the relative error of the form of the second
     beside: Ranked | None = None  # the first with another that mends its form, if it has one
 
     def odds(self, learned: tuple[float, float, float], hidden: bool = False) -> float:

@@ -52,13 +52,26 @@ def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,
             and pair.over > 0.5 * t.second and not are_relatives(best, pair, kin))
 
 
+def well_formed(best: Ranked, pair: Ranked, t: Thresholds,
+                kin: Collection[frozenset[str]]) -> bool:
+    """
+    Tell whether two explain what one could only by an error of form that hardly any form has.
+
+    As :mod:`piezo_stack_sim.gap.form` judges it.  What a relative of the first does is an error
+    of its form.
+    """
+    return (best.name in pair.name.split('+') and t.formed < pair.form < math.inf
+            and pair.wrong < t.misformed and not are_relatives(best, pair, kin))
+
+
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
     # Else it fills in some cells what the form of the first misses, and no more.
     first = pair.beside or best
-    return second_explains(best, pair, t, kin) and _loses_little(best, pair, t) and (
-        pair.left <= t.still * first.left
-        or 1.0 - pair.removed <= t.stays * (1.0 - first.removed))
+    return (pair.form > t.excused and second_explains(best, pair, t, kin)
+            and _loses_little(best, pair, t) and (
+                pair.left <= t.still * first.left
+                or 1.0 - pair.removed <= t.stays * (1.0 - first.removed)))
 
 
 def _loses_little(best: Ranked, pair: Ranked, t: Thresholds) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.quantities import significant, words
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked, Thresholds
-from piezo_stack_sim.gap.second import counts, is_in_the_shade, stands_clear
+from piezo_stack_sim.gap.second import counts, is_in_the_shade, stands_clear, well_formed
 
 
 def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
@@ -166,6 +166,16 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     t = thresholds
     best = singles[0]
     explained = max(best.removed, 1.0 - best.left)
+
+    def whole(pair: Ranked) -> bool:
+        return ((pair.removed >= t.half or pair.excess < t.excess)
+                and max(explained, pair.removed, 1.0 - pair.left) >= t.explained)
+
+    def two(pair: Ranked, why: str) -> Verdict:
+        sure = pair.odds(t.two)
+        return Verdict('MULTIPLE', _by_rank(pair, singles, t), (), why, sure, 1.0 - sure,
+                       pairs={pair.name: sure})
+
     if cut is not None:
         if not cut.known:
             return Verdict('UNKNOWN', (), (), 'no effect of the drive explains what is wrong with '
@@ -173,20 +183,17 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         for pair in pairs:
             enough = t.hint if cut.removed >= t.behind else t.second
             if pair.name == cut.pair and pair.second > enough:
-                sure = pair.odds(t.two)
-                return Verdict('MULTIPLE', _by_rank(pair, singles, t), (), _why_behind(cut),
-                               sure, 1.0 - sure, pairs={pair.name: sure})
+                return two(pair, _why_behind(cut))
         pairs = [pair for pair in pairs if all(map(cut.allows, pair.name.split('+')))]
-    for pair in pairs:
-        needed = (counts(best, pair, t, kin)
-                  and not is_in_the_shade(best, pair, pairs, t, kin))
-        if ((needed or stands_clear(best, pair, t, kin))
-                and (pair.removed >= t.half or pair.excess < t.excess)
-                and max(explained, pair.removed, 1.0 - pair.left) >= t.explained):
-            sure = pair.odds(t.two)
-            why = _why_two(best, pair) if needed else _why_clear(best, pair)
-            return Verdict('MULTIPLE', _by_rank(pair, singles, t), (), why, sure, 1.0 - sure,
-                           pairs={pair.name: sure})
+    for pair in filter(whole, pairs):
+        if counts(best, pair, t, kin) and not is_in_the_shade(best, pair, pairs, t, kin):
+            return two(pair, _why_two(best, pair))
+        if stands_clear(best, pair, t, kin):
+            return two(pair, _why_clear(best, pair))
+    formed = max((pair for pair in pairs if pair.form < math.inf),
+                 key=lambda pair: pair.form, default=None)
+    if formed is not None and whole(formed) and well_formed(best, formed, t, kin):
+        return two(formed, _why_formed(best, formed))
     singles = contenders(singles, t)
     chance = probabilities(singles, t, classes)
     best = singles[0]
@@ -271,6 +278,14 @@ def _why_clear(best: Ranked, pair: Ranked) -> str:
     return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap; of what '
             f'it leaves where it does less than {words(second)}, that explains '
             f'{_percent(pair.clear_part)}')
+
+
+def _why_formed(best: Ranked, pair: Ranked) -> str:
+    """Return why a second effect is believed in that the form of the first could not mend."""
+    second, = set(pair.name.split('+')) - {best.name}
+    return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap, with '
+            f'{words(second)} {_percent(pair.removed)}; what the first leaves is not what an '
+            'error of its form would be')
 
 
 def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
