@@ -102,8 +102,8 @@ def test_a_wrong_form_is_told_by_what_is_left_of_what_the_effect_does(evidence, 
     noise, does, wrong = bursts
     forms = Forms(doing({'creep': does}), Cells(evidence, fitted=True))
     right, poor = (forms.of(leaving(left, 'creep')) for left in (noise, noise + wrong))
-    assert right.worst == LEAST  # no better than any form is thought to be
-    assert 0.07 < poor.worst < 0.14
+    assert right.shares['creep'] == LEAST  # no better than any form is thought to be
+    assert 0.07 < poor.shares['creep'] < 0.14
     # Noise costs next to nothing; what is left of a loud effect, less if its form excuses it.
     unexcused = forms.nats(leaving(noise + wrong))
     assert forms.nats(leaving(noise)) < 0.05 * unexcused

@@ -35,4 +35,6 @@ EFFECT = Effect(
         Parameter('time_constant', 's', 0.0, 0.0, 0.05, 2e-5,
                   'time constant of the driver without load'),
     ),
-    apply, channels=('voltage', 'charge', 'displacement'))
+    apply, channels=('voltage', 'charge', 'displacement'),
+    # The resistance of an output stage changes with its current.
+    form_like=('amplifier_current_limit',))

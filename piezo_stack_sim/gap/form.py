@@ -52,11 +52,6 @@ class Form:
     weight: np.ndarray
     hoped: np.ndarray
 
-    @property
-    def worst(self) -> float:
-        """Return the largest relative error of a form."""
-        return max(self.shares.values(), default=0.0)
-
 
 class Forms:
     """Judges the fits of one fitter in some cells, and remembers."""
