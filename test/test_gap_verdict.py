@@ -315,7 +315,11 @@ def test_two_that_leave_next_to_nothing_need_not_show_where_the_second_acts(remo
                Ranked('sensor_gain', 4.0, 0.06, 1)]
     pair = Ranked('periodic_disturbance+sensor_gain', 2115.0, removed, 4, 0.01, second=9.0,
                   part=0.02, over=over)
-    assert decide(singles, [pair], 0.99, 380.0, []).word == word
+    verdict = decide(singles, [pair], 0.99, 380.0, [])
+    assert verdict.word == word
+    # What it explains where it acts is no reason here.
+    assert ('of what the first leaves the two leave 1 %' in verdict.reason) == (
+        word == 'MULTIPLE')
     relatives = {frozenset(pair.name.split('+'))}
     assert decide(singles, [pair], 0.99, 380.0, [], kin=relatives).word == 'CAUSE'
 

@@ -267,9 +267,13 @@ def _why_two(best: Ranked, pair: Ranked) -> str:
         return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap, '
                 f'{words(first)} with {words(second)} {_percent(pair.removed)}; of what either '
                 f'leaves where the other acts, that explains {_percent(pair.part)}')
-    return (f'{words(first)} removes {_percent(best.removed)} of the removable gap, with '
-            f'{words(second)} {_percent(pair.removed)}; of what the first leaves where the '
-            f'second acts, that explains {_percent(pair.part)}')
+    removes = (f'{words(first)} removes {_percent(best.removed)} of the removable gap, with '
+               f'{words(second)} {_percent(pair.removed)}; ')
+    if pair.part < DEFAULTS.finish_part:  # believed for how little is left, wherever it acts
+        left = (1.0 - pair.removed) / max(1.0 - best.removed, 1e-9)
+        return f'{removes}of what the first leaves the two leave {_percent(left)}'
+    return (f'{removes}of what the first leaves where the second acts, that explains '
+            f'{_percent(pair.part)}')
 
 
 def _why_clear(best: Ranked, pair: Ranked) -> str:
