@@ -11,7 +11,9 @@ from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.gap.terminals import Part, Terminals
 from piezo_stack_sim.gap.verdict import Cut, decide
-from piezo_stack_sim.gap.voltage import above_noise
+from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.voltage import above_noise, MeasuredVoltage
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet
@@ -31,6 +33,15 @@ def slow(command, period):
 def coarse(command, _):
     """Return the output of a driver that has lost its lower bits."""
     return 0.5 * np.round(command / 0.5)
+
+
+def clocked(every):
+    """Return a driver that looks at the command when a clock of its own tells it to."""
+    def driver(command, period):
+        ticks = np.floor(np.arange(command.size) * period / every) * every
+        return command[np.round(ticks / period).astype(int)]
+
+    return driver
 
 
 def a_set(device, driver):
@@ -58,6 +69,26 @@ def test_white_noise_is_taken_away_and_a_step_is_not():
     left = above_noise(noise + step, 1e-3) - step
     assert np.std(left) < 0.5e-3
     assert np.abs(left).max() < 5e-3
+
+
+@pytest.mark.parametrize('driver, least, most', [
+    (clocked(7e-5), 1.4e-5, 2.9e-5),  # late by 0 to 70 us, by turns: 20 us rms
+    (slow, 0.0, 5e-6)])  # hundreds of us late, but as much in the next row
+def test_a_clock_of_its_own_is_told_from_a_form_of_its_own(driver, least, most):
+    recordings = a_set(Device.nominal(), driver).recordings
+    tracks = prepare(recordings, simulate_set(Device.nominal(), recordings)).tracks
+    late = max(MeasuredVoltage.of(track, Device.nominal()).jitter for track in tracks)
+    assert least <= late < most
+
+
+def test_the_voltage_between_rows_may_come_later():
+    recording = a_set(Device.nominal(), slow).recordings[0]
+    track, = prepare([recording], simulate_set(Device.nominal(), [recording])).tracks
+    voltage = MeasuredVoltage.of(track, Device.nominal())
+    soon = voltage.otherwise(0.0)
+    late = voltage.otherwise(soon.time[1] - soon.time[0])
+    np.testing.assert_allclose(late.command[1:], soon.command[:-1], atol=1e-9)
+    assert np.ptp(soon.command) > 10.0
 
 
 def test_an_effect_behind_a_driver_of_another_form_is_found():

@@ -5,7 +5,8 @@
 from dataclasses import replace
 
 from piezo_stack_sim.gap.isolability import Alike
-from piezo_stack_sim.gap.ranked import Ranked
+from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
+from piezo_stack_sim.gap.second import rivals_of
 from piezo_stack_sim.gap.verdict import Cut, decide, outscored, probabilities, tie_pairs
 import pytest
 
@@ -208,6 +209,27 @@ def test_a_pair_found_late_that_does_better_takes_the_place_of_the_first(stop_an
     # Not one that predicts more rows but leaves much more of the gap.
     poor = tie_pairs(verdict, [*pairs, pair('contact+sensor_lag', 600.0, 0.93)], singles)
     assert poor.selected == ('contact', 'sensor_delay') and not poor.tie
+
+
+def test_a_pair_that_nobody_would_believe_takes_no_place(stop_and_delay):
+    singles, pair = stop_and_delay
+    first = replace(singles[0], removed=0.95)
+    believed = pair('contact+sensor_delay', 300.0)
+    # It leaves as little and predicts as many rows, but its second explains nothing.
+    idle = replace(pair('contact+sensor_lag', 600.0), second=3.0, part=0.02)
+    formed = replace(idle, name='contact+creep', form=400.0, wrong=0.1)
+    clear = replace(idle, name='contact+leakage', clear=90.0, clear_part=0.6)
+    every = [idle, believed, formed, clear]
+
+    def names(name, pairs):
+        return {pair.name for pair in rivals_of(name, first, pairs, DEFAULTS, ())}
+
+    assert names(believed.name, every) == {believed.name, formed.name, clear.name}
+    # A relative of the first is what its form leaves out.
+    kin = {frozenset(('contact', 'creep'))}
+    assert formed not in rivals_of(believed.name, first, every, DEFAULTS, kin)
+    # What shows only where the first hardly acts stands for nothing that shows elsewhere.
+    assert rivals_of(clear.name, first, [clear, believed], DEFAULTS, ()) == [clear]
 
 
 def test_pairs_that_do_as_well_where_they_act_are_told_by_all_rows(stop_and_delay):

@@ -23,7 +23,8 @@ from piezo_stack_sim.gap.pairs import (
     polish_pairs, search_mended, search_partners)
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
-from piezo_stack_sim.gap.second import counts, second_explains, stands_clear, well_formed
+from piezo_stack_sim.gap.second import (
+    rivals_of, second_explains, stands_clear, well_formed)
 from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
@@ -187,6 +188,10 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
              contenders(singles, thresholds)[0]]
     if best.removed < thresholds.alone:
         bases.append(loudest)
+    if best.removed < thresholds.half:
+        # Where no one explains most of it, the best may have found its place for the other.
+        bases.append(next((single for single in singles[1:] if frozenset(
+            (best.name, single.name)) not in alike.resembling), best))
     for base in bases:
         if base.name not in search.asked and max(base.gain, base.removed) > 0.0:
             search_partners(fitter, search, base.name, progress, names)
@@ -282,10 +287,7 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         if any(pair.name == name for pair in hidden):
             # What only mends the form of the first explains more than a second that it hid.
             rivals = [pair for pair in pairs if pair.name in (name, *asked)]
-        elif any(pair.name == name and not counts(best, pair, thresholds, alike.kin)
-                 and not well_formed(best, pair, thresholds, alike.kin) for pair in pairs):
-            # And more than one that shows where the first hardly acts.
-            rivals = [pair for pair in pairs if pair.name == name
-                      or stands_clear(best, pair, thresholds, alike.kin)]
+        elif cut is None or name != cut.pair:
+            rivals = rivals_of(name, best, pairs, thresholds, alike.kin)
         verdict = tie_pairs(verdict, rivals, singles, thresholds, cut)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

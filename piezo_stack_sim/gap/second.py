@@ -74,6 +74,23 @@ def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[
                 or 1.0 - pair.removed <= t.stays * (1.0 - first.removed)))
 
 
+def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
+              kin: Collection[frozenset[str]]) -> list[Ranked]:
+    """
+    Return the pairs that a believed pair may stand for, itself among them.
+
+    Each must be believed in for itself: else one that is not would be named for leaving as little.
+    Where the second shows only where the first hardly acts, so must that of the others.
+    """
+    def rules(pair):
+        return {rule for rule in (counts, stands_clear, well_formed) if rule(best, pair, t, kin)}
+
+    known = {pair: rules(pair) for pair in pairs}
+    by = next(rules for pair, rules in known.items() if pair.name == name)
+    able = {stands_clear} if by == {stands_clear} else {counts, stands_clear, well_formed}
+    return [pair for pair, rules in known.items() if pair.name == name or rules & able]
+
+
 def _loses_little(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
     """
     Tell whether two remove as much as one, or the second shows where the first hardly acts.

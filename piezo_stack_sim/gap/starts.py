@@ -19,10 +19,10 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import spans
 
-MOST = 20  # places from which an effect is looked at
+MOST = 80  # places from which an effect is looked at
 STRENGTHS = (0.05, 0.4, 1.5)  # of a typical strength, for an effect with one number
 STRENGTH = 0.3  # for one with several
-LADDER = tuple(200.0 * 1.25 ** i for i in range(18))  # Hz: a resonance is found from close by
+LADDER = tuple(200.0 * 1.06 ** i for i in range(66))  # Hz: a sharp resonance is seen from close by
 PERIODS = (0.4, 1.0, 2.5)  # of the time between two rows, for a lag
 
 

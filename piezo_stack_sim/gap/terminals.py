@@ -28,7 +28,7 @@ from piezo_stack_sim.gap.pairs import add_pair, pair_of
 from piezo_stack_sim.gap.ranked import Thresholds
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.verdict import Cut, probabilities
-from piezo_stack_sim.gap.voltage import driven_by_voltage, FINE
+from piezo_stack_sim.gap.voltage import FINE, MeasuredVoltage
 from piezo_stack_sim.plant import Device
 
 DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive')
@@ -203,20 +203,25 @@ def _cut(evidence: Evidence, driver: Device, ideal: Device) -> Evidence:
             if _is_cut(track) or track.recording.drive in ('open', 'shorted')]
 
     def one(track):
-        return driven_by_voltage(track, driver) if _is_cut(track) else (track.recording, None)
+        return MeasuredVoltage.of(track, driver) if _is_cut(track) else None
 
-    pairs = parallel(one, kept)
-    recordings = [recording for recording, _ in pairs]
+    voltages = parallel(one, kept)
+    # The clock that comes late now and then is the same in all of them.
+    late = max((voltage.jitter for voltage in voltages if voltage is not None), default=0.0)
+    recordings = [track.recording if voltage is None else voltage.as_command()
+                  for track, voltage in zip(kept, voltages)]
     simulated = simulate_set(ideal, recordings)
     new = prepare(recordings, simulated)
-    tracks = []
-    for track, (recording, finer), answer in zip(new.tracks, pairs, simulated):
-        if finer is not None:
-            # What may be wrong between the rows counts as noise.
-            fine = simulate_channels(ideal, finer)
-            track = replace(track, sigma={
-                channel: math.hypot(sigma, float(np.std(track.average(
-                    fine[channel][::FINE] - answer[channel]))))
-                for channel, sigma in track.sigma.items()})
-        tracks.append(track)
-    return replace(new, tracks=tuple(tracks))
+
+    def weighed(job):
+        track, voltage, answer = job
+        if voltage is None:
+            return track
+        # What may be wrong between the rows counts as noise.
+        fine = simulate_channels(ideal, voltage.otherwise(late))
+        return replace(track, sigma={
+            channel: math.hypot(sigma, float(np.std(track.average(
+                fine[channel][::FINE] - answer[channel]))))
+            for channel, sigma in track.sigma.items()})
+
+    return replace(new, tracks=tuple(parallel(weighed, zip(new.tracks, voltages, simulated))))

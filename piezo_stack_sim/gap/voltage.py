@@ -10,6 +10,9 @@ command, plus what stands above the noise of the difference at the rows.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import math
+
 import numpy as np
 from piezo_stack_sim.gap.evidence import Track
 from piezo_stack_sim.plant import Device, simulate
@@ -20,42 +23,67 @@ STANDS_OUT = 4.0  # standard deviations of a wavelet coefficient from which it i
 COARSEST = 16  # rows of the coarsest wavelet, of all rows at least this part
 SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 FINE = 4  # parts of a row in which the voltage between rows is filled in, to see what it matters
+PARTS = 2 * FINE  # and in which the driver is simulated
 
 
-def driven_by_voltage(track: Track, driver: Device) -> tuple[Recording, Recording]:
+@dataclass(frozen=True)
+class MeasuredVoltage:
     """
-    Return a recording driven by its measured voltage, and another way to fill that in.
+    What was measured at the terminals of one recording, against what a driver makes of it.
 
-    Parameters
-    ----------
-    track : Track
-        Of a recording that was driven by voltage and measured it.
-    driver : Device
-        What makes a voltage of the command, as well as is known.
-
-    Returns
-    -------
-    recording, finer : Recording
-        The first holds from each row the voltage in the middle between it and the next, the
-        second has ``FINE`` rows for one and holds what the driver misses.
-
+    ``fine`` (r,) are places between the rows, ``FINE`` and as many halves to each, ``driven`` (r,)
+    what the driver puts out there (V), ``missed`` (n,) what stands above the noise of the measured
+    voltage less that at the rows (V).
     """
-    recording = track.recording
-    rows = np.arange(len(recording))
-    parts = 2 * FINE
-    fine = np.arange((len(recording) - 1) * parts + 1) / parts
-    time = np.interp(fine, rows, recording.time)
-    held = fine.astype(int)
-    force = recording.external_force[held]
-    driven = simulate(driver, time, recording.command[held], force, 'voltage').voltage
-    missed = above_noise(recording.measured['voltage'] - driven[::parts],
-                         track.zero['voltage'])
-    between = driven + np.interp(fine, rows, missed)
-    steps = driven + missed[np.minimum(held + 1, rows[-1])]
-    measured = {c: v for c, v in recording.measured.items() if c != 'voltage'}
-    coarse = np.append(between[FINE::parts], between[-1])
-    return recording.replace(command=coarse, measured=measured), Recording(
-        recording.name, time[::2], 'voltage', np.append(steps[1::2], steps[-1]), force[::2])
+
+    recording: Recording
+    fine: np.ndarray
+    driven: np.ndarray
+    missed: np.ndarray
+
+    @classmethod
+    def of(cls, track: Track, driver: Device) -> MeasuredVoltage:
+        """Look at a recording that was driven by voltage and measured it."""
+        recording = track.recording
+        fine = np.arange((len(recording) - 1) * PARTS + 1) / PARTS
+        held = fine.astype(int)
+        driven = simulate(driver, np.interp(fine, np.arange(len(recording)), recording.time),
+                          recording.command[held], recording.external_force[held],
+                          'voltage').voltage
+        return cls(recording, fine, driven, above_noise(
+            recording.measured['voltage'] - driven[::PARTS], track.zero['voltage']))
+
+    @property
+    def jitter(self) -> float:
+        """
+        Return by how much the driver comes early or late from row to row (s), rms.
+
+        As what it misses changes from one row to the next, against how fast the voltage moves:
+        a clock of its own, that of another computer.  A wrong form is as wrong in the next row.
+        """
+        rough = self.missed[1:-1] - 0.5 * (self.missed[:-2] + self.missed[2:])
+        moves = float(np.sum(np.diff(self.driven[::PARTS]) ** 2))
+        return self.recording.period * math.sqrt(float(np.sum(rough ** 2)) / moves
+                                                 ) if moves > 0.0 else 0.0
+
+    def as_command(self) -> Recording:
+        """Return the recording driven by its voltage, in the middle between a row and the next."""
+        between = self.driven + np.interp(self.fine, np.arange(len(self.recording)), self.missed)
+        measured = {c: v for c, v in self.recording.measured.items() if c != 'voltage'}
+        return self.recording.replace(command=np.append(between[FINE::PARTS], between[-1]),
+                                      measured=measured)
+
+    def otherwise(self, late: float) -> Recording:
+        """Return ``FINE`` rows for one as they may have been, too: in steps, and ``late`` (s)."""
+        held = self.fine.astype(int)
+        rows = np.arange(len(self.recording))
+        steps = self.driven + self.missed[np.minimum(held + 1, rows[-1])]
+        time = np.interp(self.fine, rows, self.recording.time)
+        command = np.append(steps[1::2], steps[-1])
+        return Recording(
+            self.recording.name, time[::2], 'voltage',
+            np.interp(time[::2] - late, time[::2], command) if late > 0.0 else command,
+            self.recording.external_force[held[::2]])
 
 
 def above_noise(values: np.ndarray, noise: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import simulate_channels, spans
-from piezo_stack_sim.gap.voltage import driven_by_voltage
+from piezo_stack_sim.gap.voltage import MeasuredVoltage
 from piezo_stack_sim.plant import Device
 from scipy import signal
 
@@ -74,7 +74,7 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
             if behind is not None or np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
                 # The electrical block is to be driven by what really was at its terminals.
                 ideal = (behind or device).replace(effects={})
-                answer = simulate_channels(ideal, driven_by_voltage(track, device)[0])
+                answer = simulate_channels(ideal, MeasuredVoltage.of(track, device).as_command())
         if has('charge'):
             wrong = track.unbiased('charge', track.measured['charge']
                                    - track.average(answer['charge']))
