@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.candidates import Probe, Search
+from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.gap.terminals import Part, Terminals
 from piezo_stack_sim.gap.verdict import Cut, decide
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.voltage import above_noise, MeasuredVoltage
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
