@@ -82,8 +82,9 @@ class Search:
     ``bases`` are single effects as pairs are fitted: by where they explain.  ``merits`` tells of a
     pair what its second effect explains there, on the fitted rows.  ``corrected`` are pairs as
     they correct the device best, where that is another fit.  ``asked`` are the effects beside
-    which a second was looked for.  ``mended`` holds, of a pair, the fit of its first effect with a
-    third that only mends its form, and the fit of all three.
+    which a second was looked for, ``exchanged`` the pairs that were fitted for resembling another,
+    by its name and what was known to resemble what.  ``mended`` holds, of a pair, the fit of its
+    first effect with a third that only mends its form, and the fit of all three.
     """
 
     nominal: Fit
@@ -93,6 +94,7 @@ class Search:
     merits: dict[str, Merit] = field(default_factory=dict)
     corrected: dict[str, Fit] = field(default_factory=dict)
     asked: set[str] = field(default_factory=set)
+    exchanged: dict[tuple, list[str]] = field(default_factory=dict)
     mended: dict[str, tuple[Fit, Fit]] = field(default_factory=dict)
 
     @property

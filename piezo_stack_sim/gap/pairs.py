@@ -281,6 +281,9 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
         The names of the pairs that were asked.
 
     """
+    asked = name, frozenset(alike)
+    if asked in search.exchanged:
+        return search.exchanged[asked]
     progress(f'looking for what resembles {words(name)}')
     known = search.fits[name]
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
@@ -303,7 +306,8 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     for pair, fit in parallel(whole, starts):
         if forms.better(fit, search.fits.get(pair)):
             search.fits[pair] = fit
-    return list(starts)
+    search.exchanged[asked] = list(starts)
+    return search.exchanged[asked]
 
 
 def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None],
