@@ -8,10 +8,12 @@ What is lost is tried in the library's own form: it asks of the search alone.
 
 from fitters import fitter_of
 import numpy as np
+from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import (
     _from_relatives, is_idle, Probe, Search, search_singles, tune)
 from piezo_stack_sim.gap.fit import _inverse, Fit
 from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.starts import extent_of, starts_of
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest
@@ -137,6 +139,31 @@ def test_a_light_resonance_is_found_wherever_it_lies(device, frequency):
         {'displacement': 5e-10})
     found = searched(fitter, 'mechanical_resonance')
     assert found['frequency'] == pytest.approx(frequency, rel=0.02)
+
+
+@pytest.mark.parametrize('frequency', [1670.0, 2080.0, 2600.0])
+def test_a_sharp_resonance_beside_a_late_sensor_is_seen_from_close_by(device, frequency):
+    mode = {'participation': -0.2, 'frequency': frequency, 'damping_ratio': 0.01}
+    late = {'sensor_delay': {'delay': 3e-5}}
+    fitter = fitter_of(device, device.with_effects({**late, 'mechanical_resonance': mode}), (
+        programmes.multisine(), programmes.triangle()), np.random.default_rng(4),
+        {'displacement': 5e-9})
+    places = [place for place in starts_of(EFFECTS['mechanical_resonance'], extent_of(
+        fitter.evidence, fitter.base)) if place.shape['frequency'] != frequency]
+    nominal = fitter.fit(late)
+
+    def promise(place):
+        values, = place.looks
+        moved = fitter.residual_of({**late, 'mechanical_resonance': values}, nominal.phi)
+        gain, factors = fitter.linear_gain((moved - nominal.residual)[:, None], nominal)
+        return gain, place.at(EFFECTS['mechanical_resonance'], factors)
+
+    _, best = max(map(promise, places), key=lambda promised: promised[0])
+    assert best['frequency'] == pytest.approx(frequency, rel=0.05)
+    found = fitter.fit({**late, 'mechanical_resonance': best}, nominal.phi)
+    found = found.effects['mechanical_resonance']
+    assert found['frequency'] == pytest.approx(frequency, rel=0.01)
+    assert found['participation'] < -0.1
 
 
 def test_a_driver_faster_than_the_rows_is_found_by_its_voltage(device):

@@ -175,6 +175,24 @@ def test_beside_a_quiet_effect_in_many_rows_the_loud_one_is_asked_for_its_partne
         monkeypatch, evidence, removed, asked):
     quiet = Ranked('sensor_lag', 2000.0, removed, 1, 0.7, 9.0)
     second = Ranked('amplifier_saturation', 300.0, 0.95, 1, 0.4, 9.0)
+    assert asked_for_partners(monkeypatch, evidence, [quiet, second]) == asked
+
+
+@pytest.mark.parametrize('removed, asked', [
+    # The best may have found its place for what the other does: that may know a better one.
+    (0.36, ['mechanical_resonance', 'sensor_delay']),
+    (0.60, ['mechanical_resonance'])])
+def test_where_no_one_explains_most_partners_are_looked_for_beside_the_next_other_kind_too(
+        monkeypatch, evidence, removed, asked):
+    singles = [Ranked('mechanical_resonance', 858.0, removed, 3, 0.65, 500.0),
+               Ranked('added_mass', 840.0, 0.34, 1, 0.65, 510.0),
+               Ranked('sensor_delay', 814.0, 0.33, 1, 0.67, 520.0)]
+    resembling = {frozenset(('mechanical_resonance', 'added_mass'))}
+    assert asked_for_partners(monkeypatch, evidence, singles, resembling) == asked
+
+
+def asked_for_partners(monkeypatch, evidence, singles, resembling=frozenset()):
+    """Return the effects beside which others are looked for, in order."""
     search = SimpleNamespace(bases={}, asked=set(), fits={},
                              nominal=SimpleNamespace(residual=np.ones(9)))
     bases = []
@@ -183,14 +201,15 @@ def test_beside_a_quiet_effect_in_many_rows_the_loud_one_is_asked_for_its_partne
         bases.append(base)
         search.asked.add(base)
 
-    monkeypatch.setattr(decision, '_singles', lambda *given: [quiet, second])
+    monkeypatch.setattr(decision, '_singles', lambda *given: singles)
     monkeypatch.setattr(decision, 'Removable', lambda *given: None)
     monkeypatch.setattr(decision, 'search_partners', partners)
     monkeypatch.setattr(decision, 'exchange', lambda *given: None)
     monkeypatch.setattr(decision, 'polish_pairs', lambda *given: None)
     monkeypatch.setattr(decision, 'search_mended', lambda *given: None)
-    decision.search_pairs(None, search, SimpleNamespace(evidence=evidence), DEFAULTS, None, None)
-    assert bases == asked
+    decision.search_pairs(None, search, SimpleNamespace(evidence=evidence), DEFAULTS, None,
+                          SimpleNamespace(resembling=resembling))
+    return bases
 
 
 HUM = 9.37  # Hz: 1.4 periods of the shortest recording
