@@ -265,11 +265,16 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
                 return _by_all_rows(fitter, search, judge, removable, pair, best.name)
             return pair
 
-        return parallel(corrected, rank_pairs(forms, search, judge, removable, kept))
+        return parallel(corrected, borne(rank_pairs(forms, search, judge, removable, kept)))
+
+    def borne(pairs: list[Ranked]) -> list[Ranked]:
+        # What is driven by the measured voltage may tell that a second is not there at all.
+        return [pair for pair in pairs if cut is None or pair.name == cut.pair
+                or cut.bears(search.fits[pair.name].effects)]
 
     pairs = ranked([cut.pair] if cut else [])
     structure = judge.structure(search.nominal.residual)
-    hidden = rank_mended(forms, search, judge, removable)
+    hidden = borne(rank_mended(forms, search, judge, removable))
     verdict = decide(singles, [*pairs, *hidden], ceiling, structure, alike.groups, thresholds,
                      alike.kin, cut)
     if (verdict.word == 'UNKNOWN' and cut is None and best.removed < thresholds.half

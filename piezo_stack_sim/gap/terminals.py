@@ -10,7 +10,7 @@ a second effect behind it, however loud the form of the first is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 import itertools
 import math
@@ -44,6 +44,7 @@ class Part:
 
     search: Search
     decision: Decision
+    fitter: Fitter | None = None
 
     @property
     def best(self) -> Fit:
@@ -60,6 +61,21 @@ class Part:
     def sees(self, name: str) -> float:
         """Return how long an effect is in this part, in standard deviations of its noise."""
         return _length(self.search, name)
+
+    def bears(self, effects: Mapping[str, dict[str, float]], nats: float) -> bool:
+        """
+        Tell whether there is room here for effects, of any block, with their numbers (SI).
+
+        There is where they are what this part has anyway, and where they do not cost so many nats.
+        """
+        found = {each.name for each in self.decision.singles if each.gain > nats}
+        here = {name: values for name, values in effects.items()
+                if name in self.search.fits and name not in found}
+        if not here or self.fitter is None:
+            return True
+        none = self.search.nominal
+        cost, _ = self.fitter.retuned(self.fitter.residual_of(here, none.phi), none.phi)
+        return 0.5 * (cost - none.cost) < nats
 
     @property
     def explained(self) -> float:
@@ -109,17 +125,22 @@ class Terminals:
                               or self.behind.sees(each.name) < SEES * _length(search, each.name))
         removed = self.behind.explained
         resembling = frozenset(self.before.resembling | self.behind.resembling)
+
+        def bears(effects):
+            return self.behind.bears(effects, thresholds.second)
+
         if (not self.behind.decision.verdict.selected or singles[0].gain < thresholds.second
                 or removed < thresholds.explained
                 or self.behind.decision.structure < thresholds.excess):
-            return Cut(known=True, resembling=resembling, supported=supported)
+            return Cut(known=True, resembling=resembling, supported=supported, bears=bears)
         progress('fitting what both sides of the terminals told')
         second = self.behind.best
         pair = add_pair(fitter, search, {**self.before.best.effects, **second.effects}, second.phi)
         driver, = self.before.best.effects
         chances = probabilities(singles, thresholds, self.behind.decision.alike.groups)
         return Cut(True, pair, removed, resembling, supported, {
-            pair_of(driver, each.name): float(chance) for each, chance in zip(singles, chances)})
+            pair_of(driver, each.name): float(chance) for each, chance in zip(singles, chances)},
+            bears)
 
 
 def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
@@ -183,7 +204,7 @@ def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],
     fitter.prepare(parallel)
     search = search_singles(fitter, progress, names, known)
     return Part(search, decide_search(fitter, search, judge_of(fitter, search), 0.0,
-                                      isolability(fitter, search), thresholds, progress))
+                                      isolability(fitter, search), thresholds, progress), fitter)
 
 
 def _length(search: Search, name: str) -> float:

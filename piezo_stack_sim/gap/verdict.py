@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 import math
 
@@ -101,7 +101,8 @@ class Cut:
     of the gap behind them that this removes, ``resembling`` are effects that look much alike on
     one side, by twos, ``supported`` are effects behind the terminals that explain anything there,
     or of which hardly anything is seen there, ``chances`` how likely such pairs are, by what lies
-    behind the terminals alone.
+    behind the terminals alone.  ``bears`` tells of effects with their numbers (SI) whether what
+    was measured there has room for them.
     """
 
     known: bool
@@ -110,6 +111,8 @@ class Cut:
     resembling: frozenset[frozenset[str]] = frozenset()
     supported: frozenset[str] = frozenset()
     chances: Mapping[str, float] = field(default_factory=dict)
+    bears: Callable[[Mapping[str, dict[str, float]]], bool] = field(
+        default=lambda effects: True, compare=False, repr=False)
 
     def allows(self, effect: str) -> bool:
         """Tell whether a second effect could explain anything on its side of the terminals."""

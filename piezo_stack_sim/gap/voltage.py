@@ -58,12 +58,13 @@ class MeasuredVoltage:
         """
         Return by how much the driver comes early or late from row to row (s), rms.
 
-        As what it misses changes from one row to the next, against how fast the voltage moves:
-        a clock of its own, that of another computer.  A wrong form is as wrong in the next row.
+        As what it misses in one row and not beside it, against how fast the voltage moves: a clock
+        of its own, that of another computer.  A wrong form or gain is as wrong in the next row.
         """
-        rough = self.missed[1:-1] - 0.5 * (self.missed[:-2] + self.missed[2:])
+        three = np.stack([self.missed[:-2], self.missed[1:-1], self.missed[2:]])
+        alone = self.missed[1:-1] - np.median(three, axis=0)
         moves = float(np.sum(np.diff(self.driven[::PARTS]) ** 2))
-        return self.recording.period * math.sqrt(float(np.sum(rough ** 2)) / moves
+        return self.recording.period * math.sqrt(float(np.sum(alone ** 2)) / moves
                                                  ) if moves > 0.0 else 0.0
 
     def as_command(self) -> Recording:
