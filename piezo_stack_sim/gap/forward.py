@@ -37,7 +37,9 @@ def residuals(device: Device, evidence: Evidence) -> np.ndarray:
     """
     def one(track):
         simulated = simulate_channels(device, track.recording)
-        return [track.weighted(c, simulated[c]) for c in track.channels]
+        # A step of a fit may try a device that runs away: infinitely wrong, and no news to a user.
+        with np.errstate(over='ignore'):
+            return [track.weighted(c, simulated[c]) for c in track.channels]
 
     return np.concatenate([row for rows in parallel(one, evidence.tracks) for row in rows])
 

@@ -24,8 +24,7 @@ from piezo_stack_sim.gap.fit import Fitter
 SEEN = 5.0  # length of a direction, in standard deviations, that counts as seen
 LINEAR = 1e-3  # part of a direction that a linear look at re-tuning may wrongly leave of it
 KIN = 0.9  # part of a direction that lies among those of another effect, its kin
-FINE, SPARSE = 50, 4  # of so many places of an effect or more one in so many: a row of
-# resonances as dense as they are sharp could do anything
+FINE, SPARSE = 50, 4  # of so many places of an effect one in so many tells what it can do
 ALIKE = 0.985  # cosine between directions from which two effects count as one
 
 
@@ -67,7 +66,7 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
     fitter.view(search.nominal)  # once, before all cores ask for it
 
     def looked(probes):
-        if len(probes) >= FINE:
+        if len(probes) >= FINE:  # resonances as dense as they are sharp could do anything
             probes = sorted(probes, key=lambda probe: tuple(probe.look.shape.items()))[::SPARSE]
         whole = [direction for probe in probes if probe.direction is not None
                  for direction in probe.direction.T]
