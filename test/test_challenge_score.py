@@ -181,6 +181,21 @@ def test_answering_goes_on_where_it_stopped_and_refuses_other_code(tmp_path):
     assert score(out)['rates']['right']['rate'] == 1.0
 
 
+def test_the_first_sets_of_a_batch_are_answered_and_scored_alone(tmp_path):
+    """Whoever has no time for all of them has a score of some, with the labels of all."""
+    out = answered(tmp_path, oracle)
+    for name in HIDDEN:
+        (out / 'answers' / f'{name}.run.json').unlink()
+    counts = []
+    answer(out, oracle, jobs=1, progress=counts.append, first=2)
+    assert counts == [0, 1, 2]
+    found = score(out, first=2)
+    assert list(found['answers']) == list(HIDDEN)[:2] and found['rates']['right']['rate'] == 1.0
+    assert found['labels_sha256'] == (out / 'labels.sha256').read_text().strip()
+    with pytest.raises(InputError, match='no answer yet'):
+        score(out, first=3)
+
+
 def test_a_dask_cluster_gives_the_same_answers(tmp_path):
     """Two local workers; without Dask, or with nobody at the address, one line says so."""
     distributed = pytest.importorskip('distributed')

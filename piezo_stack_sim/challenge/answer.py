@@ -36,7 +36,7 @@ def set_names(public):
     return json.loads(path.read_text())['sets']
 
 
-def answer(public, diagnose, jobs=None, scheduler=None, again=False, progress=None):
+def answer(public, diagnose, jobs=None, scheduler=None, again=False, progress=None, first=None):
     """
     Write ``answers/<set>.json`` for every set of a public folder.
 
@@ -54,6 +54,8 @@ def answer(public, diagnose, jobs=None, scheduler=None, again=False, progress=No
         Replace answers that other code has given.
     progress : callable, optional
         Called with the number of finished sets.
+    first : int, optional
+        Only so many sets of the batch, which are in a random order.
 
     Returns
     -------
@@ -67,7 +69,7 @@ def answer(public, diagnose, jobs=None, scheduler=None, again=False, progress=No
 
     """
     public = Path(public)
-    names = set_names(public)
+    names = set_names(public)[:first]
     version = code_version()
     waiting = []
     for name in names:
@@ -121,9 +123,16 @@ def answer_set(public, name, diagnose, version):
         'sha256': hashlib.sha256(text.encode()).hexdigest()}) + '\n')
 
 
-def read_answers(public):
+def read_answers(public, first=None):
     """
     Return the answers of a public folder: dict of set name to (diagnosis, record).
+
+    Parameters
+    ----------
+    public : str or Path
+        Folder of the batch.
+    first : int, optional
+        Only those to so many of its sets.
 
     Raises
     ------
@@ -134,7 +143,7 @@ def read_answers(public):
     """
     public = Path(public)
     out = {}
-    for name in set_names(public):
+    for name in set_names(public)[:first]:
         run, path = run_of(public, name), public / 'answers' / f'{name}.json'
         if run is None or not path.is_file():
             raise InputError(f'{path}: no answer yet; run `challenge answer` first')

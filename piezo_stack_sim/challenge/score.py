@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_stack_sim.challenge import labels as label_files
-from piezo_stack_sim.challenge.answer import read_answers
+from piezo_stack_sim.challenge.answer import read_answers, set_names
 from piezo_stack_sim.challenge.judge import (
     BALANCES, BLOCK, judge, MAGNITUDES, true_shrinkage)
 from piezo_stack_sim.challenge.rates import calibration, rate, summary
@@ -99,7 +99,7 @@ def missed(result, floors):
     return out
 
 
-def score(public, labels=None):
+def score(public, labels=None, first=None):
     """
     Return the score of the answers in a public folder.
 
@@ -109,6 +109,8 @@ def score(public, labels=None):
         Folder with ``answers/``.
     labels : str or Path, optional
         Label file; beside the folder by default.
+    first : int, optional
+        Only so many sets of the batch, which are in a random order.
 
     Returns
     -------
@@ -123,11 +125,12 @@ def score(public, labels=None):
     """
     public = Path(public)
     revealed = label_files.reveal(public, labels)
-    answers = read_answers(public)
-    if set(answers) != set(revealed['sets']):
+    if set(set_names(public)) != set(revealed['sets']):
         raise InputError(f'{public}: sets and labels differ; expected the same names in both')
+    answers = read_answers(public, first)
+    asked = {name: revealed['sets'][name] for name in answers}
     rows, seconds, failures = {}, [], {}
-    for name, label in revealed['sets'].items():
+    for name, label in asked.items():
         answer, run = answers[name]
         rows[name] = judge(label, answer, shrinkage_of(public, name, label, answer))
         seconds.append(run['seconds'])
@@ -174,7 +177,7 @@ def score(public, labels=None):
         'by_unit': grouped(found, lambda row: row['unit']),
         'by_kind': grouped(found, lambda row: row['kind'], ['none', 'one', 'two', 'absent']),
         'confusion': confusion(found),
-        'baselines': baselines(revealed['sets'], answers),
+        'baselines': baselines(asked, answers),
         'answers': rows,
     }
 

@@ -18,6 +18,11 @@ scheduler_option = click.option(
     help='Dask scheduler whose workers see the same files; instead of --jobs.')
 
 
+first_option = click.option(
+    '--first', type=click.IntRange(min=1), metavar='N',
+    help='Only the first N sets: they are in a random order.')
+
+
 @click.group('challenge')
 def command():
     """
@@ -50,15 +55,17 @@ def make_command(sets, seed, out, jobs, scheduler):
 @command.command('answer')
 @click.argument('folder', metavar='DIR')
 @click.option('--again', is_flag=True, help='Replace answers that other code has given.')
+@first_option
 @jobs_option
 @scheduler_option
-def answer_command(folder, again, jobs, scheduler):
+def answer_command(folder, again, first, jobs, scheduler):
     """Diagnose every set in DIR with the defaults; answers go to DIR/answers."""
     from piezo_stack_sim.challenge.answer import answer, set_names
 
-    with counted('Diagnosing', len(set_names(folder))) as progress:
-        version = answer(folder, diagnose, jobs, scheduler, again, progress)
-    click.echo(f'{folder}/answers: complete; code {version[:16]}')
+    with counted('Diagnosing', len(set_names(folder)[:first])) as progress:
+        version = answer(folder, diagnose, jobs, scheduler, again, progress, first)
+    complete = 'complete' if first is None else f'the first {first}'
+    click.echo(f'{folder}/answers: {complete}; code {version[:16]}')
 
 
 @command.command('score')
@@ -68,7 +75,8 @@ def answer_command(folder, again, jobs, scheduler):
               '  [default: DIR/score]')
 @click.option('--floors', metavar='FILE', help='JSON of question to the fewest hits (of false '
               'alarms: the most); the status is 2 below them.')
-def score_command(folder, labels, out, floors):
+@first_option
+def score_command(folder, labels, out, floors, first):
     """Prove the hashes of labels and answers in DIR, and score the answers."""
     import json
     from pathlib import Path
@@ -76,7 +84,7 @@ def score_command(folder, labels, out, floors):
     from piezo_stack_sim.atomic import write_text
     from piezo_stack_sim.challenge import page, score
 
-    result = score.score(folder, labels)
+    result = score.score(folder, labels, first)
     out = Path(out) if out else Path(folder) / 'score'
     write_text(out / 'score.json', json.dumps(result, indent=1) + '\n')
     page.write(result, out)
