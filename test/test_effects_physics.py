@@ -299,13 +299,39 @@ def test_added_mass_lowers_the_natural_frequency():
 
 
 def test_a_series_compliance_softens_against_forces_and_keeps_the_free_stroke():
-    soft = device('series_compliance', compliance=5e-9)
+    soft = device('series_compliance', compliance=5e-9, stiffening=0.0)
     assert stroke(soft) == pytest.approx(stroke(IDEAL), rel=1e-6)
     time = np.arange(400) * 1e-4
     force = np.full(400, -100.0)
     moved = [simulate(target, time, np.zeros(400), force, drive='open').displacement[-1]
              for target in (IDEAL, soft)]
     assert moved[1] - moved[0] == pytest.approx(-100.0 * 5e-9, rel=1e-6)
+
+
+@pytest.mark.parametrize('load', [{}, {'mass': 0.05, 'damping': 200.0}])
+@pytest.mark.parametrize('force', [-100.0, -20.0, 40.0])
+def test_a_joint_that_closes_gives_way_by_a_hyperbola_of_the_force(force, load):
+    def moved(**values):
+        target = device('series_compliance', **values).replace(load=load)
+        return simulate(target, np.arange(2000) * 1e-4, np.zeros(2000), np.full(2000, force),
+                        drive='open').displacement[-1]
+
+    rigid = moved(compliance=0.0, stiffening=0.02)
+    given = moved(compliance=5e-9, stiffening=0.02) - rigid
+    assert given == pytest.approx(5e-9 * force / (1.0 + 0.02 * abs(force)), rel=1e-3)
+    assert moved(compliance=5e-9, stiffening=0.0) - rigid == pytest.approx(5e-9 * force, rel=1e-3)
+
+
+def test_a_joint_that_closes_answers_row_by_row_as_all_at_once():
+    target = device('series_compliance', compliance=5e-9, stiffening=0.02)
+    target = target.replace(load={'mass': 0.05, 'damping': 20.0})
+    rows = np.arange(60)
+    command, force = 30.0 * np.sin(0.1 * rows), 50.0 * np.sin(0.3 * rows)
+    plant = Plant(target, 1e-4, 'voltage', noise=False)
+    one_by_one = [plant.advance(u, f).displacement for u, f in zip(command, force)]
+    together = Plant(target, 1e-4, 'voltage', noise=False).run(command, force).displacement
+    assert np.abs(together).max() > 1e-7
+    assert np.abs(one_by_one - together).max() < 1e-15
 
 
 def test_a_preload_spring_takes_its_share_of_the_stroke():

@@ -58,7 +58,8 @@ class Effect:
     before, the first the largest: no derivative with respect to them leads far.
     ``becomes`` names the effect that it is where its strength is at its other end:
     a stop without a gap is a spring.  ``form_like`` names effects that resemble what its
-    form leaves out, ``twin`` says what does the same to all channels
+    form leaves out, ``form_mended_by`` those that together with it are what the effect may
+    really be, ``twin`` says what does the same to all channels
     and is none of them.
     """
 
@@ -73,6 +74,7 @@ class Effect:
     swings: bool = False
     becomes: str = ''
     form_like: tuple[str, ...] = ()
+    form_mended_by: tuple[str, ...] = ()
     twin: str = ''
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:

@@ -5,7 +5,9 @@ An electromechanical ratio T off by more than its uncertainty.
 
     T -> T (1 + ratio_error),  in both directions: Eqs. 11 and 14
 
-Partial depoling, ageing, temperature.
+Partial depoling, ageing, temperature.  Driven hard, the direct and the converse effect may be off
+by unequal amounts: the same as a reading of the displacement that is off by half the difference,
+besides.
 
 Look-alikes: ``amplifier_gain`` (moves the voltage), ``sensor_gain`` (leaves the
 charge); forces at held voltage separate T from k.
@@ -27,4 +29,5 @@ EFFECT = Effect(
         Parameter('ratio_error', '1', 0.0, -0.5, 0.5, 0.05, 'relative error of the ratio',
                   runtime=False),
     ),
-    apply, channels=('charge', 'displacement'))
+    apply, channels=('charge', 'displacement'), form_like=('sensor_gain',),
+    form_mended_by=('sensor_gain',))

@@ -26,6 +26,7 @@ from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, gap_part, records_part, shrinkage_part)
 from piezo_stack_sim.gap.score import Judge
+from piezo_stack_sim.gap.staircase import suspect_steps
 from piezo_stack_sim.gap.verdict import outscored, probabilities, Verdict
 
 PAIRS_SHOWN = 5
@@ -102,7 +103,8 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     suspect = None
     if verdict.word in UNNAMED and verdict.block is None:
         course = Course.of(evidence, simulated, cuts)
-        suspect = suspect_clock(course) or suspect_bursts(cuts, course) or suspect_block(cuts)
+        suspect = (suspect_steps(tuned, evidence, cuts) or suspect_clock(course)
+                   or suspect_bursts(cuts, course) or suspect_block(cuts))
         if suspect is NOT_FELT:
             suspect = suspect_play(course) or suspect
         elif suspect is OTHER_RATIO and is_plain(course):
@@ -114,7 +116,7 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     fractions, blocks = where.shares(cuts, last, evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
     block = verdict.block or _block(verdict, fractions, singles)
-    if suspect and block == 'drive':
+    if suspect and block == 'drive' != suspect.block:
         suspect = None  # what comes first explains what follows
     return {
         'block': suspect.block if suspect else block, 'shares': fractions,

@@ -66,6 +66,7 @@ def isolability(fitter: Fitter, search: Search) -> Alike:
     fitter.view(search.nominal)  # once, before all cores ask for it
 
     def looked(probes):
+        probes = [probe for probe in probes if not probe.look.dense]
         if len(probes) >= FINE:  # resonances as dense as they are sharp could do anything
             probes = sorted(probes, key=lambda probe: tuple(probe.look.shape.items()))[::SPARSE]
         whole = [direction for probe in probes if probe.direction is not None

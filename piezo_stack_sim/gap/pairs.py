@@ -313,24 +313,27 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
 def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None],
                   names: Collection[str]) -> None:
     """
-    Look for a second effect beside a lag or delay whose form another of these mends.
+    Look for a second effect beside a first whose form another mends.
 
-    The time that a sensor or a driver takes is hardly ever a pure lag or a pure delay.  Where two
-    of these explain it better than one, what they leave shows a second effect that the form of
-    one had hidden.
+    The time that a sensor or a driver takes is hardly ever a pure lag or a pure delay, and some
+    effects say themselves which one is like what their form leaves out.  Where two of these
+    explain it better than one, what they leave shows a second effect that the form of one had
+    hidden.
     """
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
-    times = times_of(EFFECTS)
-    timed = {name: forms.nats(search.fits[name]) for name in _hopeful(search)
-             if set(name.split('+')) <= set(times) and set(name.split('+')) & search.asked}
-    if not timed:
+    mended = {name: forms.nats(search.fits[name]) for name in _hopeful(search)
+              if _is_mended(name) and set(name.split('+')) & search.asked}
+    if not mended:
         return
-    form = min(timed, key=lambda name: timed[name])
+    form = min(mended, key=lambda name: mended[name])
     first = min(form.split('+'), key=lambda name: search.fits[name].cost)
     progress(f'looking past the form of {words(first)}')
     fit = _settled(forms, search.fits[form])
     weighed = fitter.through(forms.lens(fit))
-    others = [name for name in names if name not in times and name in search.probes]
+    times = times_of(form.split('+'))
+    alike = set(times_of(EFFECTS)) if times else set()
+    others = [name for name in names if name not in alike | set(form.split('+'))
+              and name in search.probes]
     chosen = {**dict(_promises(fitter, search, others, fit)[:PLAIN_PARTNERS]),
               **dict(_promises(weighed, search, others, fit)[:MENDED])}
 
@@ -356,6 +359,13 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
             if base not in search.bases:
                 search.bases[base] = _alone(forms, base, pair)
         search.merits[name] = explained(forms, search, name)
+
+
+def _is_mended(name: str) -> bool:
+    """Tell whether one effect of a pair may be what the form of the other leaves out."""
+    one, other = name.split('+')
+    return (len(times_of((one, other))) == 2
+            or other in EFFECTS[one].form_mended_by or one in EFFECTS[other].form_mended_by)
 
 
 def first_of(forms: Forms, search: Search, name: str) -> str:

@@ -24,6 +24,7 @@ STRENGTHS = (0.05, 0.4, 1.5)  # of a typical strength, for an effect with one nu
 STRENGTH = 0.3  # for one with several
 LADDER = tuple(200.0 * 1.06 ** i for i in range(66))  # Hz: a sharp resonance is seen from close by
 PERIODS = (0.4, 1.0, 2.5)  # of the time between two rows, for a lag
+PARTS = tuple(i / 12.0 for i in range(1, 13))  # and for what is nothing but one time
 
 
 @dataclass(frozen=True)
@@ -107,10 +108,15 @@ def _peaks(evidence, residual) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Place:
-    """Where to look at an effect: what shapes it, and what to switch on by itself in turn."""
+    """
+    Where to look at an effect: what shapes it, and what to switch on by itself in turn.
+
+    ``dense`` ones are only where to start: all together they could do anything.
+    """
 
     shape: dict[str, float]
     strengths: dict[str, float]
+    dense: bool = False
 
     @property
     def looks(self) -> list[dict[str, float]]:
@@ -151,6 +157,10 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
         # line from none leads to it: each strength is tried by itself, at several sizes.
         alone += [(p.name, part * _strength(p)) for p in strong for part in STRENGTHS]
         alone += [(p.name, part * extent.period) for p in times for part in PERIODS]
+    if len(effect.parameters) == len(times) == 1:
+        # Within the time between two rows the stack swings, and so does what a delay does.
+        places += [Place({}, {p.name: part * extent.period}, dense=True)
+                   for p in times for part in PARTS]
     places += [Place({}, {name: value}) for name, value in alone]
     if len(places) > MOST and not own:
         # Keep an even choice of the product.

@@ -93,6 +93,8 @@ class Model:
     load_damping: float = 0.0
     load_stiffness: float = 0.0
     series_compliance: float = 0.0
+    joint_terms: dict[str, float] = field(default_factory=dict)
+    joint_maps: list[Callable] = field(default_factory=list)
 
     # -- verbs for the effects -------------------------------------------------
 
@@ -161,6 +163,15 @@ class Model:
         """
         self.reading_maps.append(function)
 
+    def map_joint(self, function: Callable) -> None:
+        """
+        Add a displacement to what is read that follows from the force through the joint at once.
+
+        It is called as ``function(force)`` with an array (N, pulling on the stack) and returns
+        displacements (m) of equal shape.
+        """
+        self.joint_maps.append(function)
+
 
 def _accumulate(terms: dict[str, float], more: Mapping[str, float]) -> None:
     for source, gain in more.items():
@@ -199,8 +210,9 @@ def attach_load(model: Model) -> None:
     else:
         total = joint + model.load_stiffness
         outer = {'displacement': joint / total, 'external_force': 1.0 / total}
-    model.add_force({'displacement': -joint})
-    model.add_force({source: joint * gain for source, gain in outer.items()})
+    model.joint_terms = {source: joint * gain for source, gain in outer.items()}
+    _accumulate(model.joint_terms, {'displacement': -joint})
+    model.add_force(model.joint_terms)
     model.add_reading({'displacement': -1.0})
     model.add_reading(outer)
 
@@ -311,6 +323,7 @@ def assemble(model: Model) -> System:
     reading[4] = model.T / model.C * charge
     reading[4, 0] -= model.T ** 2 / model.C
     reading[5] = charge
+    reading[6] = row(model.joint_terms)
 
     k = np.ascontiguousarray(model.maxwell_k, dtype=float)
     v_break = np.ascontiguousarray(model.maxwell_v, dtype=float)

@@ -34,8 +34,8 @@ N_INPUTS = 8
 N_RAMPS = 4  # slopes and curvatures of the two smooth inputs within a sub-step
 
 # Outputs: reading of displacement, velocity, charge as measured, voltage, transduced force,
-# charge on the stack.
-N_OUTPUTS = 6
+# charge on the stack, force through the joint to the load.
+N_OUTPUTS = 7
 
 # What is watched of a state: charge and its rate, the rate of charge that the source
 # wants; where a longer sub-step is thought of, higher derivatives of charge and

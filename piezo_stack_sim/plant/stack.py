@@ -76,7 +76,7 @@ class Plant:
         self._tables = Tables(self._system, durations)
         # Nothing but the kernel stands between a command and its sample: `_step` will do.
         self._is_plain = not (self._parts > 1 or self._command_lag or self._reading_lag
-                              or model.command_maps or model.reading_maps
+                              or model.command_maps or model.reading_maps or model.joint_maps
                               or (self.noisy and self._sensors_disturb))
         self._first = np.zeros(1, dtype=np.int64)
         self._source, self._force, self._reading = np.empty(1), np.empty(1), np.empty(1)
@@ -102,7 +102,7 @@ class Plant:
         self._readings = np.zeros(self._reading_lag)
         self._bring_in_line(self._idle_command())
         outputs, reading = self._evaluate()
-        self._zero = np.array([reading, outputs[2]])
+        self._zero = np.array([reading + self._closed(outputs[6]), outputs[2]])
         self._readings[:] = reading
         seed = self.device.noise.seed
         self._random = np.random.Generator(np.random.PCG64(seed))
@@ -440,7 +440,7 @@ class Plant:
         self._ticks += 1
         self.time = self._ticks * self.period
         self._note_range()
-        _, velocity, charge, voltage, transduced, _ = out[0].tolist()
+        _, velocity, charge, voltage, transduced, *_ = out[0].tolist()
         return Sample(float(self._reading[0] - self._zero[0]), velocity,
                       float(charge - self._zero[1]), voltage, transduced)
 
@@ -448,9 +448,13 @@ class Plant:
         if self._p[-1] != 0.0 or self._flags[layout.F_SLIP] == self._p.size:
             self._out_of_range = True
 
+    def _closed(self, force):
+        """Return the displacement (m) that a force (N) through the joint adds at once."""
+        return sum((function(force) for function in self._model.joint_maps), 0.0)
+
     def _measure(self, time, out, read, noisy) -> tuple[np.ndarray, ...]:
         """Sensor side: zero, memoryless maps, noise, quantisation."""
-        displacement = read - self._zero[0]
+        displacement = read + self._closed(out[:, 6]) - self._zero[0]
         charge = out[:, 2] - self._zero[1]
         # What the charge does to the material is done by that on the stack, not by what leaks.
         inside = out[:, 5] - self._zero[1]
