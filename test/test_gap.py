@@ -9,7 +9,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.back_coupling import suspect_block
 from piezo_stack_sim.gap.blackbox import lagged
-from piezo_stack_sim.gap.bursts import suspect_bursts
+from piezo_stack_sim.gap.bursts import suspect_bursts, suspect_jumps
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_heat, suspect_play
 from piezo_stack_sim.gap.evidence import of_any_colour, prepare, quieter, reweigh
@@ -20,6 +20,7 @@ from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, re
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.ranked import DEFAULTS
 from piezo_stack_sim.gap.score import Judge
+from piezo_stack_sim.gap.staircase import suspect_steps
 from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -430,6 +431,61 @@ def test_bursts_that_ring_are_knocks_else_readings_stick(
     cuts = block_residuals(device, evidence, simulated)
     suspect = suspect_bursts(cuts, Course.of(evidence, simulated, cuts))
     assert (suspect and suspect.block) == block
+
+
+def faint_jumps(time, x):
+    """Return a displacement that is read at two levels, no further apart than its noise."""
+    return x + 0.06 * (jumps(time, x) - x)
+
+
+def drifts(time, x):
+    """Return a displacement that walks away."""
+    return x + 1e-7 * time / time[-1]
+
+
+def vibrates(time, x):
+    """Return a displacement beside a vibration that nothing here makes."""
+    return x + 3e-8 * np.sin(2.0 * np.pi * 13.7 * time)
+
+
+@pytest.mark.parametrize('spoil, block', [
+    (jumps, 'sensor'), (faint_jumps, 'sensor'), (knocks, None), (drifts, None), (vibrates, None),
+    (lambda time, x: 1.02 * x, None)])
+def test_a_reading_that_jumps_between_two_levels_is_the_sensors(device, spoil, block):
+    recordings = [each.replace(measured={
+        'displacement': spoil(each.time, each.measured['displacement'])})
+        for each in a_set(device).recordings]
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    cuts = block_residuals(device, evidence, simulated)
+    suspect = suspect_jumps(cuts, Course.of(evidence, simulated, cuts))
+    assert (suspect and suspect.block) == block
+
+
+def in_steps_of(step):
+    """Return a programme whose command a converter rounds to so many volts."""
+    def spoil(programme):
+        return programme.replace(command=step * np.rint(programme.command / step))
+    return spoil
+
+
+@pytest.mark.parametrize('effect, step, block', [
+    (None, 0.4, 'drive'), (None, 0.213, 'drive'), (None, None, None), ('friction', None, None),
+    ('amplifier_bandwidth', None, None), ('mechanical_resonance', None, None)])
+def test_a_command_in_steps_is_the_drives_even_where_nobody_measured_the_voltage(
+        device, effect, step, block):
+    target = device.with_effects({effect: EFFECTS[effect].typical()} if effect else {})
+    recordings = []
+    for seed, programme in enumerate((programmes.triangle(peaks=(30.0, 90.0), cycles=1),
+                                      programmes.multisine(periods=2))):
+        played = in_steps_of(step)(programme) if step else programme
+        seen = measure(target, played, ('displacement',), seed)
+        recordings.append(programme.replace(measured=seen.measured))
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    suspect = suspect_steps(device, evidence, block_residuals(device, evidence, simulated))
+    assert (suspect and suspect.block) == block
+    assert step is None or f'steps of {step:.2f} V' in suspect.reason
 
 
 def has_play(x):

@@ -166,6 +166,29 @@ def test_a_sharp_resonance_beside_a_late_sensor_is_seen_from_close_by(device, fr
     assert found['participation'] < -0.1
 
 
+@pytest.mark.parametrize('part', [0.3, 0.66, 0.9])
+@pytest.mark.parametrize('effect', ['command_delay', 'sensor_delay'])
+def test_a_delay_within_the_time_between_two_rows_is_found_past_its_hills(device, effect, part):
+    # Between two commands the stack swings, and the gap goes up and down with the delay.
+    delay = part * programmes.decay().period
+    fitter = fitter_of(device, device.with_effects({effect: {'delay': delay}}), (
+        programmes.decay(), programmes.triangle()), np.random.default_rng(5),
+        {'displacement': 1e-9})
+    # A first fit stops on a kink nearby; the next valley is half as far or twice.
+    assert searched(fitter, effect)['delay'] == pytest.approx(delay, rel=0.05)
+
+
+def test_places_close_together_do_not_make_a_delay_a_relative_of_everything(device):
+    effect = EFFECTS['command_delay']
+    fitter = fitter_of(device, device, (programmes.decay(),), np.random.default_rng(5),
+                       {'displacement': 1e-9})
+    places = starts_of(effect, extent_of(fitter.evidence, fitter.base))
+    within = [place.looks[0]['delay'] for place in places if place.dense]
+    period = programmes.decay().period
+    assert np.diff([0.0, *within]).max() < 0.1 * period and max(within) >= 0.99 * period
+    assert 3 <= sum(not place.dense for place in places) < len(within)
+
+
 def test_a_driver_faster_than_the_rows_is_found_by_its_voltage(device):
     # The lag of 6 us hardly shows in rows 50 us apart, and twice the resistance makes far more.
     numbers = {'output_resistance': 17.6, 'time_constant': 6e-6}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
-from piezo_stack_sim.gap.second import rivals_of
+from piezo_stack_sim.gap.second import rivals_beside_mended, rivals_of
 from piezo_stack_sim.gap.verdict import Cut, decide, outscored, probabilities, tie_pairs
 import pytest
 
@@ -275,6 +275,34 @@ def test_a_second_effect_counts_past_the_form_of_the_first():
     assert said(beside=None) == 'CAUSE'
     assert said(part=0.3) == said(second=60.0) == said(left=0.045, removed=0.995) == 'CAUSE'
     assert said([frozenset(('creep', 'sensor_delay'))]) == 'CAUSE'
+    # What leaves less than a tenth of it need explain less of where it acts.
+    assert said(part=0.3, removed=0.9995) == 'MULTIPLE'
+    assert said(part=0.2, removed=0.9995) == 'CAUSE'
+
+
+def test_beside_a_mended_first_pairs_are_told_by_what_the_second_does_there():
+    form = Ranked('transducer_ratio+sensor_gain', 540.0, 0.9992, 2)
+    warm, drift = (Ranked(name, 520.0, 0.996, 3, over=over) for name, over in (
+        ('transducer_ratio+thermal_drift', -69.0), ('transducer_ratio+sensor_drift', 90.0)))
+    hidden = [replace(warm, gain=547.0, removed=0.9999, over=170.0, beside=form),
+              replace(drift, gain=546.0, removed=0.9998, over=62.0, beside=form)]
+    lag = replace(warm, name='sensor_gain+thermal_drift', over=-80.0)
+    rivals = {pair.name: pair for pair in rivals_beside_mended(
+        warm.name, [warm, drift, lag], hidden)}
+    assert rivals[warm.name] is warm and rivals[lag.name] is lag
+    assert rivals[warm.name].over - rivals[drift.name].over == pytest.approx(108.0)
+    assert rivals[warm.name].removed - rivals[drift.name].removed == pytest.approx(1e-4)
+
+
+def test_where_cells_tell_nothing_all_rows_tell_which_pair_it_is(stop_and_delay):
+    singles, pair = stop_and_delay
+    chosen = replace(pair('contact+sensor_lag', 605.0), gain=960.0)
+    other = replace(pair('contact+sensor_delay', 600.0), gain=950.0)
+    believed = decide(singles, [chosen, other], 0.99, 50.0, [])
+    # None better than one effect alone, by hundreds of nats: some cells of the first drown it.
+    drowned = [replace(chosen, over=-649.0), replace(other, over=-384.0)]
+    verdict = tie_pairs(believed, drowned, singles)
+    assert verdict.tie == ('sensor_lag', 'sensor_delay')
 
 
 def test_two_that_leave_hardly_anything_need_not_explain_it_all_where_the_second_acts():

@@ -31,4 +31,4 @@ EFFECT = Effect(
     ),
     apply, channels=('voltage', 'charge', 'displacement'),
     # A soft knee stops short near the top, as what is behind it might.
-    form_like=('contact', 'stiffness_hardening'))
+    form_like=('contact', 'stiffness_hardening', 'asymmetric_hysteresis'))

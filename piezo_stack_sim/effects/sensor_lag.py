@@ -27,4 +27,6 @@ EFFECT = Effect(
         Parameter('time_constant', 's', 0.0, 0.0, 0.1, 1.6e-4,
                   'time constant; bandwidth is 1/(2 pi time_constant)'),
     ),
-    apply, channels=('displacement',))
+    apply, channels=('displacement',),
+    # A filter of more than one pole is faster at first, as what swings after.
+    form_like=('mechanical_resonance',))

@@ -7,7 +7,7 @@ An electromechanical ratio T off by more than its uncertainty.
 
 Partial depoling, ageing, temperature.  Driven hard, the direct and the converse effect may be off
 by unequal amounts: the same as a reading of the displacement that is off by half the difference,
-besides.
+besides, and another stiffness against forces, k + T_converse T_direct/C.
 
 Look-alikes: ``amplifier_gain`` (moves the voltage), ``sensor_gain`` (leaves the
 charge); forces at held voltage separate T from k.
@@ -29,5 +29,6 @@ EFFECT = Effect(
         Parameter('ratio_error', '1', 0.0, -0.5, 0.5, 0.05, 'relative error of the ratio',
                   runtime=False),
     ),
-    apply, channels=('charge', 'displacement'), form_like=('sensor_gain',),
+    apply, channels=('charge', 'displacement'),
+    form_like=('sensor_gain', 'series_compliance', 'parallel_stiffness'),
     form_mended_by=('sensor_gain',))

@@ -1,11 +1,13 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the course of the displacement tells of the block, whatever the cause: bursts.
+What the course of the displacement tells of the block, whatever the cause: bursts and jumps.
 
 Somebody knocks on the table, and what holds the sensor rings.  No command calls for it:
 it comes in bursts, which nothing does that goes with the motion, and swings through zero
-in each, which no reading does that jumps or sticks.
+in each, which no reading does that jumps or sticks.  A reading that jumps between two levels, at
+times of its own, stays at each: a drift or a vibration leaves a fifth and more of itself beside
+any two levels.
 """
 
 from __future__ import annotations
@@ -14,17 +16,22 @@ from collections.abc import Sequence
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import Suspect
-from piezo_stack_sim.gap.course import Course, LOUD
+from piezo_stack_sim.gap.course import Course, LOUD, STEADILY
 from scipy import signal, stats
 
 RINGS = -0.4  # least autocorrelation of what swings through zero
 BURSTS = 12.0  # kurtosis of what comes in bursts; that of noise, which counts for none of it, is 3
 UNTOLD = 0.8  # part of the gap that the motion must leave, if something else is to blame
+JUMP = 12.0  # nats that a jump from level to level must bring: one in a hundred thousand rows
+TURNS = 6  # times that levels and jumps are asked in turn
+LEVELS = 0.13  # part of the gap that two levels may leave
 
 _KNOCKED = Suspect('environment', 'the displacement rings in bursts that no command calls for, as '
                    'of knocks on the table')
 _STUCK = Suspect('sensor', 'the displacement is wrong in short bursts that nothing calls for: its '
                  'readings jump or stick')
+_JUMPS = Suspect('sensor', 'the displacement is wrong by one of two levels, between which its '
+                 'reading jumps at times of its own')
 
 
 def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | None:
@@ -61,3 +68,56 @@ def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | Non
     # Not where the motion tells it; a step is a burst of its own, but most recordings never rest.
     untold = course is not None and (course.gap < LOUD or course.history > UNTOLD)
     return _STUCK if untold and np.median(peaks) > BURSTS else None
+
+
+def suspect_jumps(cuts: Sequence[dict], course: Course | None) -> Suspect | None:
+    """
+    Return the sensor if the displacement is wrong by one of two levels, or None.
+
+    Parameters
+    ----------
+    cuts : sequence of dict
+        Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`.
+    course : Course or None
+        Of the displacement, of all tracks.
+
+    """
+    # A gain makes two levels of two commands: not where the motion tells it.
+    if course is None or course.gap < LOUD or course.history < STEADILY:
+        return None
+    loud = left = 0.0
+    for cut in cuts:
+        wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
+        if wrong.size < 16:
+            continue
+        gap = (wrong - wrong.mean()) / noise
+        loud += max(float(gap @ gap) - gap.size, 0.0)
+        rest = gap - _two_levels(gap)
+        left += max(float(rest @ rest) - gap.size, 0.0)
+    return _JUMPS if left < min(LEVELS, 0.5 * course.history) * loud else None
+
+
+def _two_levels(gap: np.ndarray) -> np.ndarray:
+    """Return what two levels, and jumps between them, make of a gap (n,) with noise of one."""
+    low, high = np.quantile(gap, [0.1, 0.9])
+    for _ in range(TURNS):
+        at_high = _path(0.5 * ((gap - low) ** 2 - (gap - high) ** 2))
+        if at_high.all() or not at_high.any():
+            break
+        low, high = float(gap[~at_high].mean()), float(gap[at_high].mean())
+    return np.where(at_high, high, low)
+
+
+def _path(nats: np.ndarray) -> np.ndarray:
+    """Return where the high of two levels is the likelier (n,), jumps considered (Viterbi)."""
+    lead, leads = 0.0, []
+    for more in nats.tolist():
+        lead = min(max(lead, -JUMP), JUMP) + more
+        leads.append(lead)
+    high, path = lead > 0.0, []
+    for lead in reversed(leads):
+        # Whichever level comes after, who leads by more than a jump costs was there before.
+        if abs(lead) > JUMP or not path:
+            high = lead > 0.0
+        path.append(high)
+    return np.array(path[::-1])

@@ -24,7 +24,7 @@ from piezo_stack_sim.gap.pairs import (
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.second import (
-    rivals_of, second_explains, stands_clear, well_formed)
+    rivals_beside_mended, rivals_of, second_explains, stands_clear, well_formed)
 from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
@@ -291,7 +291,8 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         rivals = pairs
         if any(pair.name == name for pair in hidden):
             # What only mends the form of the first explains more than a second that it hid.
-            rivals = [pair for pair in pairs if pair.name in (name, *asked)]
+            rivals = rivals_beside_mended(
+                name, [pair for pair in pairs if pair.name in (name, *asked)], hidden)
         elif cut is None or name != cut.pair:
             rivals = rivals_of(name, best, pairs, thresholds, alike.kin)
         verdict = tie_pairs(verdict, rivals, singles, thresholds, cut)

@@ -12,7 +12,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
 from piezo_stack_sim.gap.back_coupling import NOT_FELT, OTHER_RATIO, suspect_block
-from piezo_stack_sim.gap.bursts import suspect_bursts
+from piezo_stack_sim.gap.bursts import suspect_bursts, suspect_jumps
 from piezo_stack_sim.gap.candidates import Search
 from piezo_stack_sim.gap.course import (
     Course, is_plain, suspect_clock, suspect_heat, suspect_play)
@@ -104,7 +104,8 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     if verdict.word in UNNAMED and verdict.block is None:
         course = Course.of(evidence, simulated, cuts)
         suspect = (suspect_steps(tuned, evidence, cuts) or suspect_clock(course)
-                   or suspect_bursts(cuts, course) or suspect_block(cuts))
+                   or suspect_bursts(cuts, course) or suspect_jumps(cuts, course)
+                   or suspect_block(cuts))
         if suspect is NOT_FELT:
             suspect = suspect_play(course) or suspect
         elif suspect is OTHER_RATIO and is_plain(course):

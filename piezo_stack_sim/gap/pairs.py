@@ -321,8 +321,10 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
     hidden.
     """
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
-    mended = {name: forms.nats(search.fits[name]) for name in _hopeful(search)
-              if _is_mended(name) and set(name.split('+')) & search.asked}
+    hopeful = _hopeful(search)
+    mended = {name: forms.nats(search.fits[name]) for name, merit in search.merits.items()
+              if set(name.split('+')) & search.asked and merit.nats > HOPEFUL_NATS and (
+                  _is_declared(name) or name in hopeful and len(times_of(name.split('+'))) == 2)}
     if not mended:
         return
     form = min(mended, key=lambda name: mended[name])
@@ -361,11 +363,10 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
         search.merits[name] = explained(forms, search, name)
 
 
-def _is_mended(name: str) -> bool:
-    """Tell whether one effect of a pair may be what the form of the other leaves out."""
+def _is_declared(name: str) -> bool:
+    """Tell whether one effect of a pair says that with the other it is what it may really be."""
     one, other = name.split('+')
-    return (len(times_of((one, other))) == 2
-            or other in EFFECTS[one].form_mended_by or one in EFFECTS[other].form_mended_by)
+    return other in EFFECTS[one].form_mended_by or one in EFFECTS[other].form_mended_by
 
 
 def first_of(forms: Forms, search: Search, name: str) -> str:

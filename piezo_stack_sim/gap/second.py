@@ -10,6 +10,7 @@ noise.  What it leaves is a part of what it does, lies where it acts, and is wha
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 import math
 
 from piezo_stack_sim.effects.registry import EFFECTS
@@ -23,7 +24,10 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
         mended = set(pair.beside.name.split('+'))
         relative = any(frozenset((first, second)) in kin for first in mended
                        for second in set(pair.name.split('+')) - mended)
-        return (not relative and pair.part > t.mended_part and pair.over > 0.5 * t.second
+        # Where it leaves hardly anything, it need not explain as much of where it acts.
+        finishes = 1.0 - pair.removed <= t.finishes * (1.0 - pair.beside.removed)
+        part = t.second_part if finishes else t.mended_part
+        return (not relative and pair.part > part and pair.over > 0.5 * t.second
                 and pair.second > max(t.second, t.finish_form * best.gain))
     if (t.second < pair.over < math.inf and not are_relatives(best, pair, kin)
             and 1.0 - pair.removed < t.completes * (1.0 - best.removed)):
@@ -89,6 +93,24 @@ def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
     by = next(rules for pair, rules in known.items() if pair.name == name)
     able = {stands_clear} if by == {stands_clear} else {counts, stands_clear, well_formed}
     return [pair for pair, rules in known.items() if pair.name == name or rules & able]
+
+
+def rivals_beside_mended(name: str, pairs: list[Ranked], hidden: list[Ranked]) -> list[Ranked]:
+    """
+    Return the pairs that one may stand for whose second shows beside a mended first only.
+
+    Others that leave the first as it was are hidden by its form, too: they count by what they do
+    beside the mended one, against what this does there.
+    """
+    chosen = next(pair for pair in pairs if pair.name == name)
+    seen = next(pair for pair in hidden if pair.name == name)
+    first, = set(name.split('+')) & set(seen.beside.name.split('+'))
+    moved = [replace(pair, over=chosen.over + pair.over - seen.over,
+                     gain=chosen.gain + pair.gain - seen.gain,
+                     removed=chosen.removed + pair.removed - seen.removed,
+                     parameters=chosen.parameters + pair.parameters - seen.parameters)
+             for pair in hidden if pair is not seen]
+    return [chosen, *moved, *(pair for pair in pairs if first not in pair.name.split('+'))]
 
 
 def _loses_little(best: Ranked, pair: Ranked, t: Thresholds) -> bool:

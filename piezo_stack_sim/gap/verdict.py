@@ -341,7 +341,8 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
 def _weights(pairs: list[Ranked], t: Thresholds) -> dict[Ranked, float]:
     """Return how likely pairs are against each other: by where they act, and by all rows."""
     over, gain = max(pair.over for pair in pairs), max(pair.gain for pair in pairs)
-    there = t.temperature + t.alike_pair * max(over, 0.0)
+    # Where none is better than one effect alone, some cells of the first drown the second.
+    there = t.temperature + t.alike_pair * over if over > 0.0 else math.inf
     rows = t.temperature + t.alike_form * max(gain, 0.0)
     return {pair: math.exp((pair.over - over) / there + (pair.gain - gain) / rows
                            - t.occam * pair.parameters) for pair in pairs}
