@@ -450,7 +450,7 @@ def vibrates(time, x):
 
 @pytest.mark.parametrize('spoil, block', [
     (jumps, 'sensor'), (faint_jumps, 'sensor'), (knocks, None), (drifts, None), (vibrates, None),
-    (lambda time, x: 1.02 * x, None)])
+    (lambda time, x: 1.02 * x, None), (lambda time, x: has_play(x), None)])
 def test_a_reading_that_jumps_between_two_levels_is_the_sensors(device, spoil, block):
     recordings = [each.replace(measured={
         'displacement': spoil(each.time, each.measured['displacement'])})
@@ -526,6 +526,17 @@ def test_play_and_clocks_are_told_from_what_a_sensor_does(device, spoil, play, c
     course = Course.of(evidence, simulated, block_residuals(device, evidence, simulated))
     suspects = suspect_play(course), suspect_clock(course)
     assert [suspect and suspect.block for suspect in suspects] == [play, clock]
+
+
+def test_play_is_not_friction_where_the_charge_shows_that_the_stack_does_not_feel_it(device):
+    recordings = a_set(device).recordings
+    loose = RecordingSet('loose', tuple(each.replace(measured={
+        **each.measured, 'displacement': has_play(each.measured['displacement'])})
+        for each in recordings))
+    answer = diagnose_set(loose, device, traces=False).document
+    assert answer['verdict'] == 'UNKNOWN' and answer['where']['block'] == 'mechanical'
+    rubs = device.with_effects({'friction': {'coulomb_force': 5.0}})
+    assert diagnose_set(a_set(rubs), device, traces=False).document['selected'] == ['friction']
 
 
 def warms(time, x):

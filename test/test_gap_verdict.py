@@ -281,17 +281,31 @@ def test_a_second_effect_counts_past_the_form_of_the_first():
 
 
 def test_beside_a_mended_first_pairs_are_told_by_what_the_second_does_there():
-    form = Ranked('transducer_ratio+sensor_gain', 540.0, 0.9992, 2)
+    form = Ranked('transducer_ratio+sensor_gain', 540.0, 0.9992, 2, 0.01)
     warm, drift = (Ranked(name, 520.0, 0.996, 3, over=over) for name, over in (
         ('transducer_ratio+thermal_drift', -69.0), ('transducer_ratio+sensor_drift', 90.0)))
-    hidden = [replace(warm, gain=547.0, removed=0.9999, over=170.0, beside=form),
-              replace(drift, gain=546.0, removed=0.9998, over=62.0, beside=form)]
+    hidden = [replace(warm, gain=547.0, removed=0.9999, over=170.0, second=166.0, part=0.6,
+                      left=0.001, beside=form),
+              replace(drift, gain=546.0, removed=0.9998, over=62.0, second=61.0, part=0.6,
+                      left=0.001, beside=form)]
     lag = replace(warm, name='sensor_gain+thermal_drift', over=-80.0)
+    best = Ranked('transducer_ratio', 510.0, 0.9964, 1, 0.01)
+    # Heavier than the nominal one is what its form leaves: nobody's second.
+    heavy = replace(hidden[0], name='transducer_ratio+added_mass')
+    weak = replace(hidden[1], name='transducer_ratio+friction', second=20.0)
     rivals = {pair.name: pair for pair in rivals_beside_mended(
-        warm.name, [warm, drift, lag], hidden)}
+        warm.name, best, [warm, drift, lag], [*hidden, heavy, weak], DEFAULTS, ())}
+    assert set(rivals) == {warm.name, drift.name, lag.name}
     assert rivals[warm.name] is warm and rivals[lag.name] is lag
     assert rivals[warm.name].over - rivals[drift.name].over == pytest.approx(108.0)
     assert rivals[warm.name].removed - rivals[drift.name].removed == pytest.approx(1e-4)
+
+    # And what explains less than that does is in its shade.
+    def said(*given):
+        return decide([best, Ranked('friction', 0.0, 0.0, 1)], list(given), 0.99, 50.0, []).word
+
+    assert said(hidden[0]) == 'MULTIPLE'
+    assert said(hidden[0], replace(heavy, second=200.0)) == 'CAUSE'
 
 
 def test_where_cells_tell_nothing_all_rows_tell_which_pair_it_is(stop_and_delay):

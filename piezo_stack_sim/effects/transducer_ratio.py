@@ -7,7 +7,7 @@ An electromechanical ratio T off by more than its uncertainty.
 
 Partial depoling, ageing, temperature.  Driven hard, the direct and the converse effect may be off
 by unequal amounts: the same as a reading of the displacement that is off by half the difference,
-besides, and another stiffness against forces, k + T_converse T_direct/C.
+besides, another stiffness against forces, k + T_converse T_direct/C, and as much more mass.
 
 Look-alikes: ``amplifier_gain`` (moves the voltage), ``sensor_gain`` (leaves the
 charge); forces at held voltage separate T from k.
@@ -30,5 +30,5 @@ EFFECT = Effect(
                   runtime=False),
     ),
     apply, channels=('charge', 'displacement'),
-    form_like=('sensor_gain', 'series_compliance', 'parallel_stiffness'),
+    form_like=('sensor_gain', 'series_compliance', 'parallel_stiffness', 'added_mass'),
     form_mended_by=('sensor_gain',))

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import Suspect
-from piezo_stack_sim.gap.course import Course, LOUD, STEADILY
+from piezo_stack_sim.gap.course import Course, LOUD, STEADILY, suspect_play
 from scipy import signal, stats
 
 RINGS = -0.4  # least autocorrelation of what swings through zero
@@ -82,8 +82,9 @@ def suspect_jumps(cuts: Sequence[dict], course: Course | None) -> Suspect | None
         Of the displacement, of all tracks.
 
     """
-    # A gain makes two levels of two commands: not where the motion tells it.
-    if course is None or course.gap < LOUD or course.history < STEADILY:
+    # A gain makes two levels of two commands, and play of two directions: not where those tell it.
+    if (course is None or course.gap < LOUD or course.history < STEADILY
+            or suspect_play(course) is not None):
         return None
     loud = left = 0.0
     for cut in cuts:

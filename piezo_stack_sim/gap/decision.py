@@ -292,7 +292,8 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         if any(pair.name == name for pair in hidden):
             # What only mends the form of the first explains more than a second that it hid.
             rivals = rivals_beside_mended(
-                name, [pair for pair in pairs if pair.name in (name, *asked)], hidden)
+                name, best, [pair for pair in pairs if pair.name in (name, *asked)], hidden,
+                thresholds, alike.kin)
         elif cut is None or name != cut.pair:
             rivals = rivals_of(name, best, pairs, thresholds, alike.kin)
         verdict = tie_pairs(verdict, rivals, singles, thresholds, cut)

@@ -21,13 +21,10 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
                     kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect explains enough where it acts."""
     if pair.beside is not None:
-        mended = set(pair.beside.name.split('+'))
-        relative = any(frozenset((first, second)) in kin for first in mended
-                       for second in set(pair.name.split('+')) - mended)
         # Where it leaves hardly anything, it need not explain as much of where it acts.
         finishes = 1.0 - pair.removed <= t.finishes * (1.0 - pair.beside.removed)
         part = t.second_part if finishes else t.mended_part
-        return (not relative and pair.part > part and pair.over > 0.5 * t.second
+        return (not are_relatives(best, pair, kin) and pair.part > part and pair.over > 0.5 * t.second
                 and pair.second > max(t.second, t.finish_form * best.gain))
     if (t.second < pair.over < math.inf and not are_relatives(best, pair, kin)
             and 1.0 - pair.removed < t.completes * (1.0 - best.removed)):
@@ -95,12 +92,13 @@ def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
     return [pair for pair, rules in known.items() if pair.name == name or rules & able]
 
 
-def rivals_beside_mended(name: str, pairs: list[Ranked], hidden: list[Ranked]) -> list[Ranked]:
+def rivals_beside_mended(name: str, best: Ranked, pairs: list[Ranked], hidden: list[Ranked],
+                         t: Thresholds, kin: Collection[frozenset[str]]) -> list[Ranked]:
     """
     Return the pairs that one may stand for whose second shows beside a mended first only.
 
     Others that leave the first as it was are hidden by its form, too: they count by what they do
-    beside the mended one, against what this does there.
+    beside the mended one, against what this does there, if they would be believed in for that.
     """
     chosen = next(pair for pair in pairs if pair.name == name)
     seen = next(pair for pair in hidden if pair.name == name)
@@ -109,7 +107,7 @@ def rivals_beside_mended(name: str, pairs: list[Ranked], hidden: list[Ranked]) -
                      gain=chosen.gain + pair.gain - seen.gain,
                      removed=chosen.removed + pair.removed - seen.removed,
                      parameters=chosen.parameters + pair.parameters - seen.parameters)
-             for pair in hidden if pair is not seen]
+             for pair in hidden if pair is not seen and counts(best, pair, t, kin)]
     return [chosen, *moved, *(pair for pair in pairs if first not in pair.name.split('+'))]
 
 
@@ -124,8 +122,16 @@ def _loses_little(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
 
 
 def are_relatives(best: Ranked, pair: Ranked, kin: Collection[frozenset[str]]) -> bool:
-    """Tell whether a pair is of effects that resemble each other, or the form of the first."""
+    """
+    Tell whether a pair is of effects that resemble each other, or the form of the first.
+
+    Beside a first whose form another mends, whether the second resembles either, or their form.
+    """
     names = frozenset(pair.name.split('+'))
+    if pair.beside is not None:
+        mended = frozenset(pair.beside.name.split('+'))
+        return any(frozenset((first, second)) in kin or second in EFFECTS[first].form_like
+                   for first in mended for second in names - mended)
     return names in kin or best.name in names and not names.isdisjoint(
         EFFECTS[best.name].form_like)
 
@@ -136,9 +142,12 @@ def is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Threshol
     Tell whether a relative of the first explains more than the second of a pair, and is none.
 
     That one only fills in what the form of the first misses: so does this, unless together with
-    the first it leaves far less, all in all.
+    the first it leaves far less, all in all.  The same where another mends that form.
     """
-    return pair.beside is None and best.name in pair.name.split('+') and any(
+    if pair.beside is not None:
+        return any(other.beside is not None and other.second > pair.second
+                   and are_relatives(best, other, kin) for other in pairs)
+    return best.name in pair.name.split('+') and any(
         best.name in other.name.split('+') and are_relatives(best, other, kin)
         and other.second > pair.second and not counts(best, other, t, kin)
         and pair.left > t.shade * other.left
