@@ -228,3 +228,22 @@ def test_derivatives_that_are_alike_do_not_end_the_search():
     inverse = _inverse(square + np.diag([0.0, 0.0, 0.0, 1.0]))
     told = column @ inverse @ column.T * 1e12
     assert told == pytest.approx(np.eye(2), abs=1e-3)
+
+
+def test_numbers_cost_what_the_rows_narrow_them_down(device):
+    unit = device.with_effects({'sensor_nonlinearity': {'quadratic': 0.01}})
+    recorded = (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.force(cycles=1))
+
+    def spent(effect, start, noise):
+        fitter = fitter_of(device, unit, recorded, np.random.default_rng(2), {
+            'charge': 10.0 * noise, 'displacement': noise})
+        return fitter.spent(fitter.fit({effect: start}))
+
+    bow = {'quadratic': 0.01, 'cubic': 1e-4}
+    coarse, fine = (spent('sensor_nonlinearity', bow, noise) for noise in (2e-9, 1e-9))
+    # Each of two numbers is known twice as well.
+    assert fine - coarse == pytest.approx(2.0 * np.log(2.0), abs=0.1)
+    # Where a bowed transducer is right is much what the nominal ratio tells, and costs less.
+    assert 5.0 < spent('transducer_nonlinearity', {'curvature': 0.01}, 1e-9) < fine
+    fitter = fitter_of(device, device, recorded, np.random.default_rng(2))
+    assert fitter.spent(fitter.fit({})) == 0.0

@@ -19,6 +19,23 @@ def test_equal_scores_share_the_probability():
     assert verdict.word == 'AMBIGUOUS' and set(verdict.tie) == {'a', 'b'}
 
 
+def test_of_two_that_do_equally_well_the_one_with_less_choice_is_named_first():
+    bent, follows = (Ranked('sensor_nonlinearity', 1001.0, 0.999, 2, spent=18.0),
+                     Ranked('transducer_nonlinearity', 1000.0, 0.999, 2, spent=13.0))
+    none = Ranked('creep', 0.0, 0.0, 3)
+    alike = [['transducer_nonlinearity', 'sensor_nonlinearity']]
+    verdict = decide([bent, follows, none], [], 0.999, 50.0, alike)
+    assert verdict.selected == ('transducer_nonlinearity',)
+    assert verdict.tie == ('transducer_nonlinearity', 'sensor_nonlinearity')
+    # Who does clearly better is named first all the same.
+    better = replace(bent, gain=1040.0)
+    assert decide([better, follows, none], [], 0.999, 50.0, alike).selected == (
+        'sensor_nonlinearity',)
+    # And whoever gains nothing has not saved anything by that.
+    weak = replace(bent, gain=50.0, spent=45.0)
+    assert decide([weak, none], [], 0.999, 1.0, []).tie == ('sensor_nonlinearity',)
+
+
 def test_of_two_that_do_equally_well_the_one_with_fewer_numbers_is_named_first():
     stop, spring = Ranked('contact', 1001.0, 0.999, 4), Ranked('parallel_stiffness', 1000.0,
                                                                0.999, 2)

@@ -82,14 +82,16 @@ def count(fit: Fit) -> int:
     return len(fit.free) + (0 if fit.line is None else 2 + len(fit.line.phases))
 
 
-def rank(names, search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
+def rank(names, fitter: Fitter, search: Search, judge: Judge, removable: Removable
+         ) -> list[Ranked]:
     """Return hypotheses, best first: by score."""
-    ranked = _ranker(search, judge, removable)
+    ranked = _ranker(fitter, search, judge, removable)
     return sorted((ranked(name, search.correction(name)) for name in names),
                   key=lambda r: (-r.gain, r.name))
 
 
-def _ranker(search: Search, judge: Judge, removable: Removable) -> Callable[[str, Fit], Ranked]:
+def _ranker(fitter: Fitter, search: Search, judge: Judge, removable: Removable
+            ) -> Callable[[str, Fit], Ranked]:
     """Return what turns the name and fit of a hypothesis into its scores."""
     nominal = judge.score(search.nominal.residual)
     base = judge.powers(search.nominal.residual)
@@ -98,7 +100,8 @@ def _ranker(search: Search, judge: Judge, removable: Removable) -> Callable[[str
         powers = judge.powers(fit.residual)
         return Ranked(
             name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
-            count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0)
+            count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0,
+            spent=fitter.spent(fit))
 
     return ranked
 
@@ -110,7 +113,7 @@ def rank_pairs(forms: Forms, search: Search, judge: Judge, removable: Removable,
 
     Only the best are looked at, and those to be ``kept``.
     """
-    pairs = rank([n for n in search.fits if '+' in n], search, judge, removable)
+    pairs = rank([n for n in search.fits if '+' in n], forms.fitter, search, judge, removable)
     cells = judge.cells
     formed = dict(zip((pair.name for pair in pairs), parallel(
         lambda pair: forms.of(search.fits[pair.name]), pairs)))
@@ -138,7 +141,7 @@ def rank_pairs(forms: Forms, search: Search, judge: Judge, removable: Removable,
 def rank_mended(forms: Forms, search: Search, judge: Judge, removable: Removable
                 ) -> list[Ranked]:
     """Return pairs as they leave the gap if a third effect mends the form of the first."""
-    ranked, pairs = _ranker(search, judge, removable), []
+    ranked, pairs = _ranker(forms.fitter, search, judge, removable), []
     for name, (first, whole) in search.mended.items():
         merit = merit_of(forms.fitter, forms.cells, first, whole)
         over = judge.cells.nats(first.residual) - judge.cells.nats(whole.residual)
@@ -162,7 +165,7 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
         plain = fitter.fit(weighed.effects, weighed.phi, PLAIN_STEPS, kept=second)
         better = removable.share(plain.residual) > pair.removed + CLEARLY
         search.corrected[pair.name] = plain if better else weighed
-    again, = rank([pair.name], search, judge, removable)
+    again, = rank([pair.name], fitter, search, judge, removable)
     return replace(again, second=pair.second, part=pair.part, over=pair.over, clear=pair.clear,
                    clear_part=pair.clear_part, form=pair.form, wrong=pair.wrong)
 
@@ -177,7 +180,7 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
     """Fit second effects beside the best, where these leave something that they could explain."""
     names = [name for name in EFFECTS if cut is None or cut.allows(name)]
     removable = Removable(judge.evidence, search.nominal.residual)
-    singles = _singles(search, judge, removable)
+    singles = _singles(fitter, search, judge, removable)
     best = singles[0]
     if best.excess <= thresholds.leftover:
         return
@@ -220,8 +223,9 @@ def _without_colour(fitter: Fitter, search: Search, judge: Judge) -> float:
         reweigh(evidence, louder)(search.nominal.residual))
 
 
-def _singles(search: Search, judge: Judge, removable: Removable) -> list[Ranked]:
-    return rank([n for n in search.fits if '+' not in n], search, judge, removable)
+def _singles(fitter: Fitter, search: Search, judge: Judge, removable: Removable
+             ) -> list[Ranked]:
+    return rank([n for n in search.fits if '+' not in n], fitter, search, judge, removable)
 
 
 def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, alike: Alike,
@@ -252,7 +256,7 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
     """
     # What re-tuning removes is calibration, not a cause.
     removable = Removable(judge.evidence, search.nominal.residual)
-    singles = _singles(search, judge, removable)
+    singles = _singles(fitter, search, judge, removable)
     best = singles[0]
     forms = Forms(fitter, judge.cells)
 

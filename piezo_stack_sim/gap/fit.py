@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 import math
 from typing import NamedTuple
@@ -316,6 +316,22 @@ class Fitter:
             view = View(slope, seen, _inverse(square + np.diag(precision)), np.empty(0))
             fit.view = view._replace(left=view.cleared(self.lens(fit.residual)))
         return fit.view
+
+    def spent(self, fit: Fit) -> float:
+        """
+        Return the nats that it costs a hypothesis to be free to choose its numbers.
+
+        By how much the rows narrow them down, together, within their bounds: Occam's factor by
+        Laplace's method (MacKay 2003, section 28.1).  What the rows do not tell, or the
+        nominal parameters do as well, costs nothing.
+        """
+        if fit.slope is None or not fit.free or not np.isfinite(fit.slope).all():
+            return 0.0
+        n = len(fit.free)
+        widths = np.array([high - low for low, high in (free.limits for free in fit.free)])
+        told = np.linalg.inv(self.view(replace(fit, view=None)).inverse[:n, :n])
+        within = np.eye(n) + told * np.outer(widths, widths)
+        return 0.5 * float(np.linalg.slogdet(within)[1])
 
     def cost(self, residual: np.ndarray, phi: np.ndarray) -> float:
         """Return the sum of squares over the fitted rows plus that of the prior."""

@@ -90,6 +90,7 @@ class Ranked:
     over: float = math.inf  # nats by which it is better than any single effect
     form: float = math.inf  # the same where errors of form are excused (gap/form.py)
     wrong: float = 0.0  # and the relative error of the form of the second
+    spent: float = 0.0  # nats that its numbers cost: those who are free to choose fit more easily
     beside: Ranked | None = None  # the first with another that mends its form, if it has one
 
     def odds(self, learned: tuple[float, float, float], hidden: bool = False) -> float:

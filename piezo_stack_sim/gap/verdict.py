@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 import math
+from operator import attrgetter
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
@@ -25,10 +26,14 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     with what even the best leaves unexplained.  Between effects that the
     recordings cannot tell apart hardly anything but the form makes a difference.
     Of two that do equally well the one with fewer numbers is the likelier: a stop
-    without a gap is a spring, so that the stop does no worse where a spring is.
+    without a gap is a spring, so that the stop does no worse where a spring is.  And so is
+    the one that had less choice among its numbers.
     """
     able = contenders(ranked, thresholds)
-    gains = np.array([r.gain if r in able else -np.inf for r in ranked])
+    # Who gains nothing never chose: no likelier than who chose most.
+    most = max(r.spent for r in ranked)
+    gains = np.array([r.gain - (r.spent if r.gain > thresholds.detect else most)
+                      if r in able else -np.inf for r in ranked])
     best = able[0]
     # What the best leaves, no hypothesis of the library has the form of.
     unknown = thresholds.form + 0.05 * (1.0 - min(max(best.removed, 0.0), 1.0))
@@ -340,11 +345,13 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
 
 def _weights(pairs: list[Ranked], t: Thresholds) -> dict[Ranked, float]:
     """Return how likely pairs are against each other: by where they act, and by all rows."""
-    over, gain = max(pair.over for pair in pairs), max(pair.gain for pair in pairs)
+    over, gain = (max(score(pair) - pair.spent for pair in pairs)
+                  for score in (attrgetter('over'), attrgetter('gain')))
     # Where none is better than one effect alone, some cells of the first drown the second.
     there = t.temperature + t.alike_pair * over if over > 0.0 else math.inf
     rows = t.temperature + t.alike_form * max(gain, 0.0)
-    return {pair: math.exp((pair.over - over) / there + (pair.gain - gain) / rows
+    return {pair: math.exp((pair.over - pair.spent - over) / there
+                           + (pair.gain - pair.spent - gain) / rows
                            - t.occam * pair.parameters) for pair in pairs}
 
 
