@@ -20,7 +20,8 @@ from piezo_stack_sim.gap.ranked import Thresholds
 from piezo_stack_sim.gap.verdict import Verdict
 from piezo_stack_sim.gap.where import block_residuals
 
-_PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it: something has play')
+_PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it: something has '
+                'play')
 
 
 def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds
@@ -50,12 +51,13 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
         named = best
     if named is None or named.removed > thresholds.clear_first:
         return decision
+    suspect: Suspect | None
     cuts, course = _course(fitter, search.nominal)
     # What a clock explains that the cause does not, or what is left beside the cause.
     if skewed(course) < REST * (1.0 - named.removed):
         suspect = CLOCK
     elif EFFECTS[named.name].block == 'mechanical' and suspect_block(cuts) is NOT_FELT:
-        suspect = suspect_play(course) and _PLAY
+        suspect = None if suspect_play(course) is None else _PLAY
     else:
         suspect = speaks_for_clock(_course(fitter, search.correction(named.name))[1])
     if suspect is None:

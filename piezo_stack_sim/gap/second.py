@@ -24,7 +24,8 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
         # Where it leaves hardly anything, it need not explain as much of where it acts.
         finishes = 1.0 - pair.removed <= t.finishes * (1.0 - pair.beside.removed)
         part = t.second_part if finishes else t.mended_part
-        return (not are_relatives(best, pair, kin) and pair.part > part and pair.over > 0.5 * t.second
+        return (not are_relatives(best, pair, kin)
+                and pair.part > part and pair.over > 0.5 * t.second
                 and pair.second > max(t.second, t.finish_form * best.gain))
     if (t.second < pair.over < math.inf and not are_relatives(best, pair, kin)
             and 1.0 - pair.removed < t.completes * (1.0 - best.removed)):
@@ -102,11 +103,12 @@ def rivals_beside_mended(name: str, best: Ranked, pairs: list[Ranked], hidden: l
     """
     chosen = next(pair for pair in pairs if pair.name == name)
     seen = next(pair for pair in hidden if pair.name == name)
-    first, = set(name.split('+')) & set(seen.beside.name.split('+'))
+    first, = set(name.split('+')) & set((seen.beside or best).name.split('+'))
     moved = [replace(pair, over=chosen.over + pair.over - seen.over,
                      gain=chosen.gain + pair.gain - seen.gain,
                      removed=chosen.removed + pair.removed - seen.removed,
-                     parameters=chosen.parameters + pair.parameters - seen.parameters)
+                     parameters=chosen.parameters + pair.parameters - seen.parameters,
+                     spent=chosen.spent + pair.spent - seen.spent)
              for pair in hidden if pair is not seen and counts(best, pair, t, kin)]
     return [chosen, *moved, *(pair for pair in pairs if first not in pair.name.split('+'))]
 
