@@ -102,7 +102,7 @@ class Plant:
         self._readings = np.zeros(self._reading_lag)
         self._bring_in_line(self._idle_command())
         outputs, reading = self._evaluate()
-        self._zero = np.array([reading + self._closed(outputs[6]), outputs[2]])
+        self._zero = np.array([reading, outputs[2]])
         self._readings[:] = reading
         seed = self.device.noise.seed
         self._random = np.random.Generator(np.random.PCG64(seed))
@@ -254,7 +254,7 @@ class Plant:
                                             self._memory)]
         tables.run(one, one, self._inputs[layout.U:layout.U + 1].copy(),
                    self._inputs[layout.FORCE:layout.FORCE + 1].copy(), one, one, state, out, read)
-        return out[0], float(read[0])
+        return out[0], float(read[0]) + self._closed(out[0, 6])
 
     def sample_exact(self) -> np.ndarray:
         """Return displacement, velocity, charge, voltage and force now, as they truly are."""
@@ -379,6 +379,10 @@ class Plant:
 
     def finish(self, time, out, read) -> Response:
         """Pass raw outputs of a timeline that began at ``time[0]`` through the sensors."""
+        if self._model.joint_maps:
+            # What was read came from a delay ago.
+            read = read + np.interp(time[1:] - self._model.sensor_delay, time[1:],
+                                    self._closed(out[:, 6]))
         measured = self._measure(self.time + (time[1:] - time[0]), out, read, self.noisy)
         self.time += time[-1] - time[0]
         self._ticks = round(self.time / self.period)
@@ -417,6 +421,7 @@ class Plant:
         self._tables.run(seg_class, seg_ticks, np.ascontiguousarray(u), force, rows, reads,
                          state, out, read)
         self._commands = history[-lag:].copy()
+        read = read + self._closed(out[:, 6])
         if self._readings.size:
             read = np.concatenate([self._readings, read])
             self._readings = read[n:].copy()
@@ -454,7 +459,7 @@ class Plant:
 
     def _measure(self, time, out, read, noisy) -> tuple[np.ndarray, ...]:
         """Sensor side: zero, memoryless maps, noise, quantisation."""
-        displacement = read + self._closed(out[:, 6]) - self._zero[0]
+        displacement = read - self._zero[0]
         charge = out[:, 2] - self._zero[1]
         # What the charge does to the material is done by that on the stack, not by what leaks.
         inside = out[:, 5] - self._zero[1]
