@@ -31,9 +31,11 @@ def test_of_two_that_do_equally_well_the_one_with_less_choice_is_named_first():
     better = replace(bent, gain=1040.0)
     assert decide([better, follows, none], [], 0.999, 50.0, alike).selected == (
         'sensor_nonlinearity',)
-    # And whoever gains nothing has not saved anything by that.
-    weak = replace(bent, gain=50.0, spent=45.0)
-    assert decide([weak, none], [], 0.999, 1.0, []).tie == ('sensor_nonlinearity',)
+    # What withheld rows tell apart they tell, however many numbers it took.
+    free = replace(bent, gain=50.0, spent=45.0)
+    drift = replace(none, gain=30.0, removed=0.5)
+    verdict = decide([free, drift], [], 0.999, 1.0, [])
+    assert (verdict.word, verdict.tie) == ('CAUSE', ('sensor_nonlinearity',))
 
 
 def test_of_two_that_do_equally_well_the_one_with_fewer_numbers_is_named_first():

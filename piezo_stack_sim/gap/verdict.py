@@ -26,14 +26,11 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     with what even the best leaves unexplained.  Between effects that the
     recordings cannot tell apart hardly anything but the form makes a difference.
     Of two that do equally well the one with fewer numbers is the likelier: a stop
-    without a gap is a spring, so that the stop does no worse where a spring is.  And so is
-    the one that had less choice among its numbers.
+    without a gap is a spring, so that the stop does no worse where a spring is.  And of
+    look-alikes so is the one that had less choice among its numbers.
     """
     able = contenders(ranked, thresholds)
-    # Who gains nothing never chose: no likelier than who chose most.
-    most = max(r.spent for r in ranked)
-    gains = np.array([r.gain - (r.spent if r.gain > thresholds.detect else most)
-                      if r in able else -np.inf for r in ranked])
+    gains = np.array([r.gain if r in able else -np.inf for r in ranked])
     best = able[0]
     # What the best leaves, no hypothesis of the library has the form of.
     unknown = thresholds.form + 0.05 * (1.0 - min(max(best.removed, 0.0), 1.0))
@@ -42,7 +39,9 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     misled = thresholds.temperature + thresholds.alike_form * max(best.gain, 0.0)
     alike = _look_alikes(able, classes, thresholds)
     group = [i for i, each in enumerate(ranked) if each.name in alike]
-    share = np.exp((gains[group] - gains.max()) / misled)
+    # Withheld rows have their say on who chose too much; where they cannot tell, this does.
+    left = np.array([gains[i] - ranked[i].spent for i in group])
+    share = np.exp((left - left.max()) / misled)
     weight[group] = weight[group].sum() * share / share.sum()
     weight *= np.exp(-thresholds.occam * np.array([r.parameters for r in ranked]))
     return weight / weight.sum()
