@@ -37,10 +37,20 @@ STEADILY = 0.1  # and part that the motion leaves at least: one that is always l
 
 _PLAY = Suspect('mechanical', 'what is wrong with the displacement depends on which way it last '
                 'moved, however fast: something has play or rubs')
-_HEATED = Suspect('transducer', 'what is wrong with the displacement follows the power of the '
-                  'motion that went before: the stack heats itself')
+HEATED = Suspect('transducer', 'what is wrong with the displacement follows the power of the '
+                 'motion that went before: the stack heats itself')
 CLOCK = Suspect('sensor', 'the displacement comes late by ever more: it was read by a clock that '
                 'runs at another speed')
+
+
+@dataclass(frozen=True)
+class Way:
+    """Time (n,) in s, displacement (n,) in m, and its gap (n,) over the noise, in a recording."""
+
+    time: np.ndarray
+    moved: np.ndarray
+    wrong: np.ndarray
+    noise: float
 
 
 @dataclass(frozen=True)
@@ -49,8 +59,7 @@ class Course:
     The gap of the displacement over that of its noise, and what it may depend on.
 
     ``wrong`` (m,) and what it may depend on, (m, k) each, are of all recordings one after the
-    other, without their means; ``plain`` is the motion itself, whichever way it came.  ``tracks``
-    are, of each recording, the time (n,) in s, and motion and gap (n,) over the noise.
+    other, without their means; ``plain`` is the motion itself, whichever way it came.
     """
 
     wrong: np.ndarray
@@ -59,7 +68,7 @@ class Course:
     clock: np.ndarray
     heat: np.ndarray
     fitted: np.ndarray
-    tracks: tuple[tuple[np.ndarray, ...], ...] = ()
+    ways: tuple[Way, ...] = ()
 
     @classmethod
     def of(cls, evidence: Evidence, simulated: Sequence[dict], cuts: Sequence[dict]
@@ -80,7 +89,7 @@ class Course:
         moved = [track.average(answer['displacement'])
                  for track, answer in zip(evidence.tracks, simulated)]
         stroke = max(map(np.ptp, moved), default=0.0)
-        parts, tracks = [], []
+        parts, ways = [], []
         for track, answer, cut, x in zip(evidence.tracks, simulated, cuts, moved):
             wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
             judged = track.fitted.any() and not track.fitted.all()
@@ -91,19 +100,19 @@ class Course:
             plain = [x, x ** 2, x ** 3, speed, time, track.average(track.recording.command),
                      track.average(answer['voltage']), track.average(answer['charge']),
                      *(x - np.interp(time - lag, time, x) for lag in LAGS)]
-            plays = [x - _play(x, width * stroke) for width in WIDTHS]
+            plays = [x - play(x, width * stroke) for width in WIDTHS]
             warm = list(_warmth(track, answer['displacement']))
             heat = [*warm, *(each * x for each in warm)]
             columns = np.column_stack([wrong, *plain, *plays, speed * time, *heat])
             parts.append(((columns - columns.mean(axis=0)) / noise, track.fitted))
-            tracks.append((time, x / noise, wrong / noise))
+            ways.append(Way(time, x, wrong / noise, noise))
         if not parts:
             return None
         rows = np.concatenate([columns for columns, _ in parts])
         ends = np.cumsum([1, len(plain), len(plays), 1, len(heat)])
         motion, memory, late, warmth = np.split(rows[:, 1:], ends[1:-1] - 1, axis=1)
         return cls(rows[:, 0], motion, memory, late, warmth,
-                   np.concatenate([fitted for _, fitted in parts]), tuple(tracks))
+                   np.concatenate([fitted for _, fitted in parts]), tuple(ways))
 
     @property
     def gap(self) -> float:
@@ -123,8 +132,9 @@ class Course:
     def late(self, seconds: float, parts: float) -> float:
         """Return the part of the gap that is left if the motion is late, by ever more."""
         total = rows = 0.0
-        for time, moved, wrong in self.tracks:
-            rest = wrong + moved - np.interp(time - seconds - parts * time, time, moved)
+        for way in self.ways:
+            late = np.interp(way.time - seconds - parts * way.time, way.time, way.moved)
+            rest = way.wrong + (way.moved - late) / way.noise
             total += float(np.sum((rest - rest.mean()) ** 2))
             rows += rest.size
         return (total / rows - 1.0) / self.gap
@@ -164,7 +174,7 @@ def suspect_heat(course: Course | None) -> Suspect | None:
     if course is None or course.gap < HEARD or course.history < WITHOUT:
         return None
     left = course.left(course.plain, course.heat)
-    return _HEATED if left < ADDS * min(course.history, 1.0) else None
+    return HEATED if left < ADDS * min(course.history, 1.0) else None
 
 
 def suspect_play(course: Course | None) -> Suspect | None:
@@ -189,7 +199,7 @@ def _warmth(track: Track, displacement: np.ndarray) -> Iterator[np.ndarray]:
         yield lagged(power, time / (recording.period * track.factor))
 
 
-def _play(x: np.ndarray, half: float) -> np.ndarray:
+def play(x: np.ndarray, half: float) -> np.ndarray:
     """Return what a play of a half width (m) makes of displacements (n,)."""
     follower, out = float(x[0]), []
     for place in x.tolist():

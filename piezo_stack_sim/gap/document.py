@@ -11,6 +11,8 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import blackbox, where
+from piezo_stack_sim.gap.along import suspect_pitch
+from piezo_stack_sim.gap.answered import suspect_filter
 from piezo_stack_sim.gap.back_coupling import NOT_FELT, OTHER_RATIO, suspect_block
 from piezo_stack_sim.gap.bursts import suspect_bursts, suspect_jumps
 from piezo_stack_sim.gap.candidates import Search
@@ -104,6 +106,8 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     if verdict.word in UNNAMED and verdict.block is None:
         course = Course.of(evidence, simulated, cuts)
         suspect = (suspect_steps(tuned, evidence, cuts) or suspect_clock(course)
+                   or suspect_filter(evidence, simulated, cuts)
+                   or suspect_pitch(course, suspect_block(cuts) is NOT_FELT)
                    or suspect_bursts(cuts, course) or suspect_jumps(cuts, course)
                    or suspect_block(cuts))
         if suspect is NOT_FELT:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.back_coupling import NOT_FELT, Suspect, suspect_block
 from piezo_stack_sim.gap.candidates import Search
@@ -16,7 +17,9 @@ from piezo_stack_sim.gap.decision import Decision
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import simulate_channels
 from piezo_stack_sim.gap.quantities import words
-from piezo_stack_sim.gap.ranked import Thresholds
+from piezo_stack_sim.gap.ranked import Ranked, Thresholds
+from piezo_stack_sim.gap.score import Judge
+from piezo_stack_sim.gap.strangers import meet
 from piezo_stack_sim.gap.verdict import Verdict
 from piezo_stack_sim.gap.where import block_residuals
 
@@ -24,12 +27,19 @@ _PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it:
                 'play')
 
 
+TOLD = 0.6  # part of a gap, all tracks alike or by its power, that a stranger must explain
+LEFT = 0.6  # part of what a cause leaves that one may leave who takes its place
+WORTH = 0.03  # part of the gap that a cause must leave to be asked at all
+SURER = 10.0  # nats by which a stranger must be better than a cause
+
+
 def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds
             ) -> Decision:
     """
     Return a decision, or UNKNOWN where what its cause leaves tells of something else.
 
-    A clock that runs fast is late by ever more: in recordings that are alike long, much of that
+    Where something that the library lacks leaves clearly less, that is why (gap/strangers.py).  A
+    clock that runs fast is late by ever more: in recordings that are alike long, much of that
     is what a lag does.  What a lag leaves of it no lag does.  A part that has play stops where
     one that rubs does, but the stack does not feel it: the charge tells.
 
@@ -46,6 +56,11 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
 
     """
     verdict, best = decision.verdict, decision.singles[0]
+    stranger = _stranger(fitter, search, decision)
+    if stranger is not None:
+        known = decision.singles[0]
+        return _unknown(decision, stranger, thresholds, _known(known) + ', but ' if (
+            known.removed > 0.0) else '')
     named = next((one for one in decision.singles if (one.name,) == verdict.selected), None)
     if verdict.word == 'UNKNOWN' and verdict.block is None and best.removed > thresholds.half:
         named = best
@@ -62,11 +77,46 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
         suspect = speaks_for_clock(_course(fitter, search.correction(named.name))[1])
     if suspect is None:
         return decision
+    return _unknown(decision, suspect, thresholds, _known(named) + (
+        ', but ' if suspect is _PLAY else ', and of the rest '))
+
+
+def _known(best: Ranked) -> str:
+    """Return how much of the gap what the library has removes."""
+    return f'{words(best.name)} removes {100.0 * best.removed:.0f} % of the removable gap'
+
+
+def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Suspect | None:
+    """Return what the library lacks and leaves clearly less than all of it, or None."""
+    verdict, judge, removable = decision.verdict, decision.judge, decision.removable
+    if verdict.word == 'NO_GAP' or verdict.block is not None:
+        return None
+    nominal = search.nominal.residual
+
+    def explained(judge: Judge, residual: np.ndarray) -> float:
+        left = judge.left(judge.powers(residual), judge.powers(nominal))
+        return max(removable.share(residual), 1.0 - left)
+
+    known = decision.chosen(search).residual if verdict.selected else nominal
+    if 1.0 - explained(judge, known) < WORTH:
+        return None
+    met = meet(fitter, search.nominal)
+    if met is None:
+        return None
+    judge = Judge.from_residual(fitter.evidence, met.residual, nominal)
+    left = 1.0 - explained(judge, met.residual)
+    if left > 1.0 - TOLD or left > LEFT * (1.0 - explained(judge, known)) or (
+            judge.score(met.residual) < judge.score(known) + SURER):
+        return None
+    return met.suspect
+
+
+def _unknown(decision: Decision, suspect: Suspect, thresholds: Thresholds, beside: str = ''
+             ) -> Decision:
+    """Return the decision that something else is to blame than the library has."""
     sure = thresholds.unknown
     return replace(decision, verdict=Verdict(
-        'UNKNOWN', (), (), f'{words(named.name)} removes {100.0 * named.removed:.0f} % of the '
-        f'removable gap, {"but" if suspect is _PLAY else "and of the rest"} {suspect.reason}',
-        sure, 1.0 - sure, suspect.block))
+        'UNKNOWN', (), (), beside + suspect.reason, sure, 1.0 - sure, suspect.block))
 
 
 def _course(fitter: Fitter, fit: Fit) -> tuple[list[dict], Course | None]:

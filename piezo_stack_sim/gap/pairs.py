@@ -287,6 +287,7 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     progress(f'looking for what resembles {words(name)}')
     known = search.fits[name]
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    _ask_alone(forms, search, known)  # beside one of them each of the others is judged
     starts = {}
     for out in name.split('+'):
         kept, = set(name.split('+')) - {out}
@@ -357,10 +358,15 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
         search.mended[name] = fit, triple
         if forms.better(pair, search.fits.get(name)):
             search.fits[name] = pair
-        for base in pair.effects:
-            if base not in search.bases:
-                search.bases[base] = _alone(forms, base, pair)
+        _ask_alone(forms, search, pair)
         search.merits[name] = explained(forms, search, name)
+
+
+def _ask_alone(forms: Forms, search: Search, pair: Fit) -> None:
+    """Fit each of two effects alone, if nobody has."""
+    for base in pair.effects:
+        if base not in search.bases:
+            search.bases[base] = _alone(forms, base, pair)
 
 
 def _is_declared(name: str) -> bool:

@@ -27,6 +27,7 @@ from piezo_stack_sim.gap.noise import integrated_correlation
 
 SURE = 4.5  # standard deviations from which an excess is no chance: dozens of tracks are looked at
 NOISE_ERROR = 0.1  # part by which the power of the noise may be estimated wrong
+CHANCES = 10.0  # rows at least that noise of any colour has by itself, however slow a gap is
 LOUD = 0.15  # excess over the noise power from which a track has something left
 FORM = 0.02  # part of a gap's power by which the true form of its cause may differ
 
@@ -67,7 +68,7 @@ class Judge:
         not better known than that.
         """
         excess = self.powers(residual) - 1.0
-        sure = excess > SURE * np.sqrt(2.0 / self.weights)
+        sure = excess > SURE * np.sqrt(2.0 / np.maximum(self.weights, CHANCES))
         channels = np.array([channel for _, channel in self.evidence.keys])
         for channel in np.unique(channels):
             alike = channels == channel

@@ -19,12 +19,11 @@ from piezo_stack_sim.gap.evidence import Evidence, Track
 from piezo_stack_sim.gap.quantities import significant
 from piezo_stack_sim.plant import Device, simulate
 
-LOUD = 1.0  # power beyond that of the noise from which steps are looked for
 LEVELS = np.arange(20.0, 2500.0, 0.1)  # steps in the span of the commands that are tried
 ANSWER = 64  # rows after which a step has been answered
 SMALL = 2e-3  # of the span, a step whose answer is taken: less than breaks an element
 FAINT = 0.05  # part of the best answered frequency's power below which nothing is turned back
-TOLD = 0.3  # part of what the command must have missed that steps tell; others tell a hundredth
+TOLD = 0.15  # part of what the command must have missed that steps tell; others tell a hundredth
 
 
 def suspect_steps(device: Device, evidence: Evidence, cuts: Sequence[dict]) -> Suspect | None:
@@ -63,7 +62,7 @@ def _missed(device: Device, evidence: Evidence, cuts: Sequence[dict]
         wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
         command = track.recording.command
         if (wrong.size != command.size or 'drive' in cut or track.recording.drive != 'voltage'
-                or np.ptp(command) <= 0.0 or np.var(wrong) < (1.0 + LOUD) * noise ** 2):
+                or np.ptp(command) <= 0.0 or np.var(wrong) < noise ** 2):
             continue  # thinned, or the voltage was measured, or nothing is wrong
         size = 2 * command.size
         answer = np.fft.rfft(_answer(device, track), size)

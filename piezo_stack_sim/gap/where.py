@@ -53,13 +53,7 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
         them ``through``, the displacement against the voltage, charge passed over.
 
     """
-    actuator, load = device.actuator, device.load
-    ratio, cap = actuator.transformer_ratio, actuator.linear_capacitance
-    stiffness = actuator.stiffness + load.stiffness
-    gain = ratio / (ratio ** 2 + stiffness * cap)  # static x/q, m/C
-    mass, damping = actuator.mass + load.mass, actuator.damping + load.damping
-    numerator = [ratio / cap / mass]
-    denominator = [1.0, damping / mass, (stiffness + ratio ** 2 / cap) / mass]
+    gain = gain_per_charge(device)
     per_volt = _gain_per_volt(evidence, simulated)
 
     def one(i):
@@ -87,15 +81,30 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
                 if recording.drive == 'voltage':
                     out['through'] = (track.unbiased('displacement', track.average(wrong)), noise)
                 given = recording.measured['charge'] - answer['charge']
-                system = signal.cont2discrete((numerator, denominator), recording.period,
-                                              'bilinear')
-                b, a = np.ravel(system[0]), np.ravel(system[1])
-                wrong = wrong - signal.lfilter(b, a, given)
+                wrong = wrong - moved_by_charge(device, given, recording.period)
                 noise = math.hypot(noise, gain * track.sigma['charge'])
             out['behind'] = (track.unbiased('displacement', track.average(wrong)), noise)
         return out
 
     return parallel(one, range(len(evidence.tracks)))
+
+
+def gain_per_charge(device: Device) -> float:
+    """Return the static displacement per charge at the electrodes (m/C)."""
+    actuator = device.actuator
+    ratio, stiffness = actuator.transformer_ratio, actuator.stiffness + device.load.stiffness
+    return ratio / (ratio ** 2 + stiffness * actuator.linear_capacitance)
+
+
+def moved_by_charge(device: Device, charge: np.ndarray, period: float) -> np.ndarray:
+    """Return how far a charge (n,) in C moves the end, (n,) in m: Eqs. 11, 14 and 15."""
+    actuator, load = device.actuator, device.load
+    ratio, cap = actuator.transformer_ratio, actuator.linear_capacitance
+    mass, damping = actuator.mass + load.mass, actuator.damping + load.damping
+    stiffness = actuator.stiffness + load.stiffness + ratio ** 2 / cap
+    b, a, _ = signal.cont2discrete(
+        ([ratio / cap / mass], [1.0, damping / mass, stiffness / mass]), period, 'bilinear')
+    return signal.lfilter(np.ravel(b), np.ravel(a), charge)
 
 
 def _gain_per_volt(evidence, simulated) -> float:

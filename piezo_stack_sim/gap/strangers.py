@@ -1,0 +1,269 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the library lacks but would be known if it were seen: strangers.
+
+An effect of the library may explain most of what another makes of the outputs: a remanence what
+an offset that warms up does, a lag what a clock that runs fast does.  Whoever knows no effects but
+those of the library takes it for the cause.  Each of these strangers is put on the outputs of the
+re-tuned device and the nominal parameters are re-tuned beside it, as beside an effect of the
+library.  Where it leaves clearly less than the best of these, it is none of them.
+
+None of them is a model: each has one or two numbers, and names a block, not a cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+import itertools
+from typing import Any
+
+import numpy as np
+from piezo_stack_sim.gap.back_coupling import Suspect
+from piezo_stack_sim.gap.blackbox import lagged
+from piezo_stack_sim.gap.cores import parallel
+from piezo_stack_sim.gap.course import CLOCK, HEATED, play
+from piezo_stack_sim.gap.evidence import Evidence, Track
+from piezo_stack_sim.gap.fit import Fit, Fitter
+from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.where import moved_by_charge
+from piezo_stack_sim.plant import Device
+from scipy.optimize import lsq_linear
+
+SKEWS = np.geomspace(3e-6, 5e-3, 40)  # parts by which a clock may run fast or slow
+PLAYS = np.geomspace(1e-9, 4e-7, 24)  # m, half width of a play
+DROOPS = np.geomspace(0.5, 3e3, 30)  # s
+# s in which the stack cools, and whether it heats by friction or by resistance
+HEAT = tuple(itertools.product(np.geomspace(0.03, 1.0, 6).tolist(), (1.0, 2.0)))
+GROWN = 0.01  # of the ratio, by which to see what another one does
+WARM = np.geomspace(0.5, 20.0, 8)  # s
+OFFSET = 0.05  # V by which the command is moved to see what an offset does
+ON, OFF = np.linspace(0.3, 0.95, 14), np.linspace(0.02, 0.6, 13)  # of the highest voltage
+BETWEEN = np.linspace(-0.04, 0.04, 5)  # of what was best of these, then
+RELAYED = 1e-7  # C, that a relay lets in to see what it does
+AGAIN = 2  # times that the best place is re-tuned and simulated
+
+Outputs = Sequence[dict]  # channel to (n,) array, for each track
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """
+    Something that the library lacks.
+
+    ``needs`` are the channels with which it can be told, one set or another, ``sizes`` yields what
+    may be chosen, ``put`` puts one on the outputs of a device.  ``any_scale`` tells that every
+    multiple of what it makes of the outputs counts, ``near`` yields what lies about a size.
+    """
+
+    suspect: Suspect
+    needs: Sequence[set[str]]
+    sizes: Callable[[Outputs], Iterable]
+    put: Callable[[Device, Evidence, Outputs, Any], Outputs]
+    any_scale: bool = False
+    near: Callable[[Any], Iterable] = field(default=lambda size: (size,))
+
+
+@dataclass(frozen=True)
+class Met:
+    """A stranger where it leaves least: ``residual`` (N,) is what it leaves, over the noise."""
+
+    suspect: Suspect
+    residual: np.ndarray
+    cost: float
+
+
+def meet(fitter: Fitter, nominal: Fit) -> Met | None:
+    """
+    Return the stranger that explains the recordings best, or None if none may be told.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        Of the set.
+    nominal : Fit
+        Of the re-tuned nominal device.
+
+    """
+    evidence = fitter.evidence
+    channels = set(evidence.channels)
+    met = [_met(fitter, nominal, stranger) for stranger in STRANGERS
+           if any(need <= channels for need in stranger.needs)]
+    return min(met, key=lambda one: one.cost, default=None)
+
+
+def _met(fitter: Fitter, nominal: Fit, stranger: Stranger) -> Met:
+    """Return a stranger with the size that leaves least."""
+    evidence = fitter.evidence
+    slope = fitter.nominal.whole if nominal.nominal is None else nominal.nominal
+    around = _Around(fitter, slope, nominal.phi)
+    phi, best = nominal.phi, None
+    for _ in range(AGAIN):
+        device = fitter.device_with({}, phi)
+        outputs = simulate_set(device, [track.recording for track in evidence.tracks])
+        base = _residual(evidence, outputs)
+        # Where it was best at first it is about best again, the parameters re-tuned beside it.
+        sizes = list(stranger.sizes(outputs) if best is None else stranger.near(best))
+
+        def ask(size):
+            change = _residual(evidence, stranger.put(device, evidence, outputs, size)) - base
+            return around.cost(base, change, phi, stranger.any_scale)
+
+        costs = parallel(ask, sizes)
+        best = sizes[int(np.argmin([cost for cost, _ in costs]))]
+        scale = costs[sizes.index(best)][1]
+        change = scale * (
+            _residual(evidence, stranger.put(device, evidence, outputs, best)) - base)
+        cost, new = around.tuned(base + change, phi)
+        residual = base + change + slope @ (new - phi)
+        phi = new
+    return Met(stranger.suspect, residual, cost)
+
+
+class _Around:
+    """What re-tuning the nominal parameters does, linearly, around a fit of them."""
+
+    def __init__(self, fitter: Fitter, slope: np.ndarray, phi: np.ndarray) -> None:
+        self.lens, self.nuisance = fitter.lens, fitter.nuisance
+        self.seen = fitter.lens(slope).astype(float)
+        self.precision = np.diag(self.nuisance.prior ** -2.0)
+        self.square = self.seen.T @ self.seen + self.precision
+        self.inverse = np.linalg.inv(self.square)
+
+    def cleared(self, seen: np.ndarray) -> np.ndarray:
+        """Return changes (M,) without what the nominal parameters, bounds apart, can imitate."""
+        return seen - self.seen @ (self.inverse @ (self.seen.T @ seen))
+
+    def cost(self, base: np.ndarray, change: np.ndarray, phi: np.ndarray, any_scale: bool
+             ) -> tuple[float, float]:
+        """Return the cost of a change (N,) of a residual, and the multiple of it that counts."""
+        left, along = self.cleared(self.lens(base)), self.cleared(self.lens(change))
+        scale = 1.0
+        if any_scale:
+            scale = -float(along @ left) / max(float(along @ along), 1e-30)
+        rest = left + scale * along
+        return float(rest @ rest), scale
+
+    def tuned(self, residual: np.ndarray, phi: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the cost of a residual (N,) with the parameters re-tuned in their bounds."""
+        now = self.lens(residual) - self.seen @ phi
+        root = np.linalg.cholesky(self.square)
+        bound = self.nuisance.bound + 1e-12
+        new = lsq_linear(root.T, -np.linalg.solve(root, self.seen.T @ now), (-bound, bound)).x
+        rest = now + self.seen @ new
+        return float(rest @ rest + new @ self.precision @ new), new
+
+
+def _residual(evidence: Evidence, outputs: Outputs) -> np.ndarray:
+    return np.concatenate([track.weighted(channel, answer[channel])
+                           for track, answer in zip(evidence.tracks, outputs)
+                           for channel in track.channels])
+
+
+def _since(track: Track) -> np.ndarray:
+    return track.recording.time - track.recording.time[0]
+
+
+def _either(sizes: np.ndarray) -> np.ndarray:
+    return np.concatenate([-sizes[::-1], sizes])
+
+
+def _skewed(device, evidence, outputs, skew):
+    def one(track, answer):
+        time = _since(track)
+        return {**answer, 'displacement': np.interp(
+            time * (1.0 - skew), time, answer['displacement'])}
+
+    return list(map(one, evidence.tracks, outputs))
+
+
+def _with_play(device, evidence, outputs, half):
+    return [{**answer, 'displacement': play(answer['displacement'], half)} for answer in outputs]
+
+
+def _leaking(device, evidence, outputs, size):
+    return [{**answer, 'displacement': answer['displacement'] + 1e-9 * answer['voltage']}
+            for answer in outputs]
+
+
+def _drooping(device, evidence, outputs, constant):
+    def one(track, answer):
+        charge = answer['charge'] - answer['charge'][0]
+        return {**answer, 'charge': charge - lagged(charge, constant / track.recording.period)}
+
+    return list(map(one, evidence.tracks, outputs))
+
+
+def _warming(device, evidence, outputs, constant):
+    return simulate_set(device, [replace(track.recording, command=track.recording.command
+                                         + OFFSET * -np.expm1(-_since(track) / constant))
+                                 for track in evidence.tracks])
+
+
+def _relays(outputs):
+    top = max(float(answer['voltage'].max()) for answer in outputs)
+    return ((on * top, off * top) for on in ON for off in OFF if off < on)
+
+
+def _relays_near(limits):
+    on, off = limits
+    return ((on * (1.0 + more), off + on * less) for more in BETWEEN for less in BETWEEN)
+
+
+def _relayed(device, evidence, outputs, limits):
+    def one(track, answer):
+        charge = RELAYED * _relay(answer['voltage'], *limits)
+        return {**answer, 'charge': answer['charge'] + charge,
+                'displacement': answer['displacement'] + moved_by_charge(
+                    device, charge, track.recording.period)}
+
+    return list(map(one, evidence.tracks, outputs))
+
+
+def _relay(voltage: np.ndarray, on: float, off: float) -> np.ndarray:
+    """Return 1 where a relay is on and 0 where it is not, (n,): off until it is first on."""
+    switched = np.where(voltage >= on, 1, np.where(voltage <= off, -1, 0))
+    last = np.maximum.accumulate(np.where(switched != 0, np.arange(voltage.size), -1))
+    return np.where(last >= 0, switched[last] > 0, False).astype(float)
+
+
+def _heated(device, evidence, outputs, cause):
+    constant, power = cause
+    actuator = device.actuator
+    warmer = simulate_set(
+        device.replace(actuator=actuator.replace(
+            transformer_ratio=(1.0 + GROWN) * actuator.transformer_ratio)),
+        [track.recording for track in evidence.tracks])
+
+    def warmth(track, answer):
+        period = track.recording.period
+        return lagged(np.abs(np.gradient(answer['charge'], period)) ** power, constant / period)
+
+    warm = list(map(warmth, evidence.tracks, outputs))
+    most = max(float(each.max()) for each in warm) or 1.0
+    return [{channel: values + each / most * (other[channel] - values)
+             for channel, values in answer.items()}
+            for each, answer, other in zip(warm, outputs, warmer)]
+
+
+_MOVED = {'displacement'}
+_BOTH = {'charge', 'displacement'}
+_DRIVEN = {'voltage', 'displacement'}
+
+STRANGERS = (
+    Stranger(CLOCK, [_MOVED], lambda outputs: _either(SKEWS), _skewed),
+    Stranger(Suspect('mechanical', 'the displacement is wrong as if something had play, which the '
+                     'stack does not feel'), [_BOTH], lambda outputs: PLAYS, _with_play),
+    Stranger(Suspect('sensor', 'the displacement is wrong as if the terminal voltage leaked into '
+                     'its reading'), [_MOVED], lambda outputs: (1.0,), _leaking, True),
+    Stranger(Suspect('sensor', 'the charge is wrong as if its amplifier forgot it in time'),
+             [{'charge'}], lambda outputs: DROOPS, _drooping),
+    # A drift of the place is another explanation where nothing else is known.
+    Stranger(Suspect('drive', 'all is wrong as if an offset of the driver warmed up'),
+             [_BOTH, _DRIVEN], lambda outputs: WARM, _warming, True),
+    Stranger(Suspect('electrical', 'charge and displacement are wrong as if the polarisation '
+                     'jumped at one voltage, and back at another'), [_MOVED], _relays, _relayed,
+             True, _relays_near),
+    Stranger(HEATED, [_BOTH, _DRIVEN], lambda outputs: HEAT, _heated, True),
+)

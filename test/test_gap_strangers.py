@@ -1,0 +1,215 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the library lacks is told from what it has by what each leaves, the numbers re-tuned."""
+
+import numpy as np
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap import diagnose_set
+from piezo_stack_sim.gap.along import suspect_pitch
+from piezo_stack_sim.gap.answered import suspect_filter
+from piezo_stack_sim.gap.cores import parallel
+from piezo_stack_sim.gap.course import Course
+from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.fit import Fitter
+from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.strangers import meet
+from piezo_stack_sim.gap.where import block_residuals
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording import programmes
+from piezo_stack_sim.recording.recording import RecordingSet
+import pytest
+from scipy import signal
+
+NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
+ALL = ('voltage', 'charge', 'displacement')
+
+
+@pytest.fixture(scope='module')
+def device():
+    return Device.nominal()
+
+
+def a_set(device, channels=ALL, spoil=None, played=None, lively=False):
+    """Return recordings of a device, what it answers and what it was played spoilt perhaps."""
+    given = [programmes.triangle(peaks=(30.0, 90.0), cycles=2), programmes.steps(hold=1.5)]
+    given += [programmes.multisine(periods=2)] if lively else [programmes.force(cycles=2)]
+    recordings = []
+    for seed, programme in enumerate(given):
+        random = np.random.default_rng(seed)
+        command = played(programme) if played else programme.command
+        answer = simulate(device, programme.time, command, programme.external_force)
+        clean = {name: getattr(answer, name) for name in ALL}
+        clean |= spoil(device, programme, clean) if spoil else {}
+        recordings.append(programme.replace(measured={
+            name: clean[name] + NOISE[name] * random.standard_normal(len(programme))
+            for name in channels}))
+    return RecordingSet('bench', tuple(recordings))
+
+
+def fitter_of(device, recordings):
+    """Return a fitter for a set and the fit of the nominal device."""
+    rows = recordings.recordings
+    fitter = Fitter(device, prepare(rows, simulate_set(device, rows)))
+    fitter.prepare(parallel)
+    return fitter, fitter.fit({})
+
+
+def runs_slow(device, programme, clean):
+    """Return the displacement as a clock reads it that runs 0.4 % slow."""
+    return {'displacement': np.interp(
+        0.996 * programme.time, programme.time, clean['displacement'])}
+
+
+def has_play(device, programme, clean):
+    """Return a displacement that follows with a play of 30 nm."""
+    follower, out = clean['displacement'][0], []
+    for place in clean['displacement']:
+        follower = min(max(follower, place - 1.5e-8), place + 1.5e-8)
+        out.append(follower)
+    return {'displacement': np.array(out)}
+
+
+def leaks(device, programme, clean):
+    """Return a displacement into which the voltage leaks."""
+    return {'displacement': clean['displacement'] - 1.1e-9 * clean['voltage']}
+
+
+def forgets(device, programme, clean):
+    """Return a charge that a high-pass filter of the first order lets through, of 9 s."""
+    b, a = signal.butter(1, 1.0 / (2.0 * np.pi * 9.0), 'high', fs=1.0 / programme.period)
+    return {'charge': signal.lfilter(b, a, clean['charge'])}
+
+
+def jumps(device, programme, clean):
+    """Return charge and displacement of a domain that turns at 70 V, and back at 20 V."""
+    actuator = device.actuator
+    turned, state = [], 0.0
+    for voltage in clean['voltage']:
+        state = 1.0 if voltage > 70.0 else 0.0 if voltage < 20.0 else state
+        turned.append(state)
+    ratio, cap = actuator.transformer_ratio, actuator.linear_capacitance
+    per_charge = ratio / (ratio ** 2 + actuator.stiffness * cap)
+    return {'charge': clean['charge'] + 4e-7 * np.array(turned),
+            'displacement': clean['displacement'] + 4e-7 * per_charge * np.array(turned)}
+
+
+def warms(device, programme, clean):
+    """Return what a ratio makes that grows by the current of the last 0.3 s."""
+    stack = device.actuator
+    other = simulate(device.replace(actuator=stack.replace(
+        transformer_ratio=1.02 * stack.transformer_ratio)), programme.time, programme.command,
+        programme.external_force)
+    current = np.abs(np.gradient(clean['charge'], programme.time))
+    decay = np.exp(-programme.period / 0.3)
+    warm = 150.0 * signal.lfilter([1.0 - decay], [1.0, -decay], current / (1.0 + current / 0.02))
+    return {name: clean[name] + warm * (getattr(other, name) - clean[name])
+            for name in ('charge', 'displacement')}
+
+
+def warms_up(programme):
+    """Return a command beside which an offset of 80 mV grows, slower and slower."""
+    return programme.command + 0.08 * programme.time / (programme.time + 2.0)
+
+
+@pytest.mark.parametrize('spoil, played, channels, block', [
+    (runs_slow, None, ('displacement',), 'sensor'), (has_play, None, ALL, 'mechanical'),
+    (leaks, None, ALL, 'sensor'), (forgets, None, ALL, 'sensor'),
+    (jumps, None, ('charge', 'displacement'), 'electrical'), (warms, None, ALL, 'transducer'),
+    (None, warms_up, ('charge', 'displacement'), 'drive')])
+def test_a_stranger_is_known_by_what_it_leaves_beside_re_tuned_parameters(
+        device, spoil, played, channels, block):
+    stack = device.actuator
+    other = device.replace(actuator=stack.replace(
+        stiffness=1.012 * stack.stiffness, transformer_ratio=0.992 * stack.transformer_ratio))
+    recordings = a_set(other, channels, spoil, played)
+    fitter, nominal = fitter_of(device, recordings)
+    met = meet(fitter, nominal)
+    assert met.suspect.block == block
+    gap = np.mean(nominal.residual ** 2) - 1.0
+    assert gap > 0.1 and np.mean(met.residual ** 2) - 1.0 < 0.25 * gap
+
+
+@pytest.mark.parametrize('effect', [
+    'thermal_drift', 'initial_polarisation', 'sensor_lag', 'friction', 'creep', 'sensor_gain',
+    'amplifier_gain', 'leakage'])
+def test_no_stranger_takes_the_place_of_what_the_library_has(device, effect):
+    recordings = a_set(device.with_effects({effect: EFFECTS[effect].typical()}))
+    answer = diagnose_set(recordings, device, traces=False).document
+    assert effect in {*answer['selected'], *answer['ambiguity_set']}
+
+
+@pytest.mark.parametrize('channels', [ALL, ('charge', 'displacement')])
+def test_an_offset_that_warms_up_is_no_remanence_and_no_drift(device, channels):
+    answer = diagnose_set(
+        a_set(device, channels, played=warms_up), device, traces=False).document
+    assert answer['verdict'] == 'UNKNOWN' and answer['where']['block'] == 'drive'
+
+
+def test_a_drift_of_the_displacement_alone_is_not_called_the_drivers(device):
+    drifts = device.with_effects({'thermal_drift': EFFECTS['thermal_drift'].typical()})
+    fitter, nominal = fitter_of(device, a_set(drifts, ('displacement',)))
+    met = meet(fitter, nominal)
+    assert met is None or met.suspect.block != 'drive'
+
+
+def rings(programme):
+    """Return the command behind a filter that rings at 2 kHz."""
+    fast = 2.0 * np.pi * 2e3
+    b, a, dt = signal.cont2discrete(
+        ([fast ** 2], [1.0, 0.1 * fast, fast ** 2]), programme.period, 'zoh')
+    return signal.lfilter(np.ravel(b), a, programme.command)
+
+
+def other_loop(device, programme, clean):
+    """Return charge, and what follows it, of another loop than that of the file."""
+    actuator = device.actuator
+    ratio, cap = actuator.transformer_ratio, actuator.linear_capacitance
+    voltage = clean['voltage']
+    more = 3e-7 * np.sin(np.pi * voltage / max(voltage.max(), 1.0))
+    more *= np.sign(np.gradient(voltage))
+    return {'charge': clean['charge'] + more, 'displacement': clean['displacement']
+            + more * ratio / (ratio ** 2 + actuator.stiffness * cap)}
+
+
+@pytest.mark.parametrize('spoil, played, block', [
+    (None, rings, 'drive'), (other_loop, None, None), (jumps, None, None), (None, None, None),
+    (None, warms_up, None)])
+def test_a_driver_that_rings_is_told_by_charge_and_displacement(device, spoil, played, block):
+    recordings = a_set(device, ('charge', 'displacement'), spoil, played, True).recordings
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    suspect = suspect_filter(evidence, simulated, block_residuals(device, evidence, simulated))
+    assert (suspect and suspect.block) == block
+
+
+def alternates(device, programme, clean):
+    """Return a displacement that a force moves to and fro along the way, every 1.7 um."""
+    place = clean['displacement']
+    return {'displacement': place + 2e-8 * np.sin(2.0 * np.pi * place / 1.7e-6 + 0.4)}
+
+
+def bends(device, programme, clean):
+    """Return a displacement whose reading is bent over the stroke."""
+    place = clean['displacement']
+    return {'displacement': place + 3e-8 * np.sin(np.pi * place / place.max())}
+
+
+def vibrates(device, programme, clean):
+    """Return a displacement beside a vibration."""
+    return {'displacement': clean['displacement'] + 3e-8 * np.sin(
+        2.0 * np.pi * 13.7 * programme.time)}
+
+
+@pytest.mark.parametrize('spoil, told', [
+    (alternates, True), (bends, False), (vibrates, False), (has_play, False), (runs_slow, False),
+    (None, False)])
+@pytest.mark.parametrize('not_felt, block', [(False, 'mechanical'), (True, 'sensor')])
+def test_a_force_that_alternates_along_the_way_is_told_by_its_pitch(
+        device, spoil, told, not_felt, block):
+    recordings = a_set(device, ('displacement',), spoil).recordings
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    course = Course.of(evidence, simulated, block_residuals(device, evidence, simulated))
+    suspect = suspect_pitch(course, not_felt)
+    assert (suspect and suspect.block) == (block if told else None)
+    assert not told or '1.7 um' in suspect.reason
