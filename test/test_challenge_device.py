@@ -13,6 +13,7 @@ from piezo_stack_sim.challenge.device import Programme, respond, STEP, Unit
 from piezo_stack_sim.challenge.foreign import FOREIGN
 from piezo_stack_sim.challenge.hidden import BLOCKS, Context
 from piezo_stack_sim.challenge.known import KNOWN
+from piezo_stack_sim.challenge.unforeseen import UNFORESEEN
 import pytest
 
 REFERENCE = Path(__file__).resolve().parents[2] / 'shared' / 'reference'
@@ -62,7 +63,7 @@ def test_a_smaller_step_changes_nothing_that_a_sensor_could_see(recordings, plai
 def test_every_effect_of_the_design_is_hidden_in_some_form():
     """The ids and blocks are those of the design document."""
     assert len(KNOWN) == 27
-    assert not set(KNOWN) & set(FOREIGN)
+    assert len(KNOWN) + len(FOREIGN) + len(UNFORESEEN) == len(EFFECTS)
     assert {effect.block for effect in EFFECTS.values()} == set(BLOCKS)
     assert all(effect.form for effect in EFFECTS.values())
 
@@ -119,6 +120,14 @@ def test_single_effects_are_hidden_equally_often():
     hidden = [ids[0] for kind, ids in schedule(300, 7) if kind == 'one']
     counts = [hidden.count(key) for key in KNOWN]
     assert max(counts) - min(counts) <= 1
+
+
+def test_what_is_unforeseen_is_hidden_only_where_it_is_asked_for():
+    """One of them in each device, none in a batch of the usual kind."""
+    asked = schedule(12, 7, unforeseen=True)
+    assert {ids for _, ids in asked} == {(key,) for key in UNFORESEEN}
+    assert {kind for kind, _ in asked} == {'absent'}
+    assert not set(UNFORESEEN) & {key for _, ids in schedule(300, 7) for key in ids}
 
 
 @pytest.mark.skipif(not DOC.is_file(), reason='no doc folder')

@@ -11,8 +11,9 @@ from piezo_stack_sim.challenge.device import respond, Unit
 from piezo_stack_sim.challenge.foreign import FOREIGN
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.challenge.stack import Stack
+from piezo_stack_sim.challenge.unforeseen import UNFORESEEN
 
-EFFECTS = {**KNOWN, **FOREIGN}
+EFFECTS = {**KNOWN, **FOREIGN, **UNFORESEEN}
 KINDS = {'none': 0.12, 'one': 0.60, 'two': 0.18, 'absent': 0.10}
 
 #: What the parameter file says of its own numbers.
@@ -47,19 +48,20 @@ class Setting:
     force_column: bool
 
 
-def schedule(sets, seed):
+def schedule(sets, seed, unforeseen=False):
     """
     Return for each set its kind and the ids hidden in it: a list of (kind, tuple of id).
 
     Kinds come in their shares, rounded; single effects go round the whole list before one comes
-    again.
+    again.  Or all hide something that is ``unforeseen``.
 
     """
     random = np.random.default_rng([seed, 0x5C4ED])
-    edges = np.round(sets * np.cumsum(list(KINDS.values()))).astype(int)
-    kinds = random.permutation(np.repeat(list(KINDS), np.diff(edges, prepend=0)))
+    shares = {'absent': 1.0} if unforeseen else KINDS
+    edges = np.round(sets * np.cumsum(list(shares.values()))).astype(int)
+    kinds = random.permutation(np.repeat(list(shares), np.diff(edges, prepend=0)))
     decks = {'one': [], 'absent': []}
-    sources = {'one': sorted(KNOWN), 'absent': sorted(FOREIGN)}
+    sources = {'one': sorted(KNOWN), 'absent': sorted(UNFORESEEN if unforeseen else FOREIGN)}
     out = []
     for kind in kinds:
         ids: tuple[str, ...]

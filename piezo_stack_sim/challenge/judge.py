@@ -6,8 +6,9 @@ import numpy as np
 
 from piezo_stack_sim.challenge.foreign import FOREIGN
 from piezo_stack_sim.challenge.known import KNOWN
+from piezo_stack_sim.challenge.unforeseen import UNFORESEEN
 
-BLOCK = {key: effect.block for key, effect in {**KNOWN, **FOREIGN}.items()}
+BLOCK = {key: effect.block for key, effect in {**KNOWN, **FOREIGN, **UNFORESEEN}.items()}
 #: Upper edges of the magnitude classes: rms over noise, after calibration.
 MAGNITUDES = ((1.0, 'below noise'), (3.0, '1 to 3'), (10.0, '3 to 10'), (30.0, '10 to 30'),
               (float('inf'), 'above 30'))

@@ -47,7 +47,7 @@ def set_name(index):
     return f'set_{index:03d}'
 
 
-def make(sets, seed, out, jobs=None, scheduler=None, progress=None):
+def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=False):
     """
     Make a batch: the public folder `out` and, beside it, its labels.
 
@@ -62,6 +62,8 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None):
         As `spread` takes them.
     progress : callable, optional
         Called with the number of finished sets.
+    unforeseen : bool, optional
+        Whether all sets hide what no rule of the diagnosis was made for.
 
     Returns
     -------
@@ -77,13 +79,13 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None):
     out = Path(out)
     if sets < 1:
         raise InputError(f'--sets {sets}: expected at least 1')
-    ours = batch_id(sets, seed)
+    ours = batch_id(sets, seed, unforeseen)
     truth = labels.truth_folder(out)
     owner = truth / 'batch.txt'
     if owner.is_file() and owner.read_text().strip() != ours:
         raise InputError(f'{out}: holds another batch (sets or seed differ); give another --out')
     write_text(owner, ours + '\n')
-    schedule = case.schedule(sets, seed)
+    schedule = case.schedule(sets, seed, unforeseen)
     waiting = [i for i in range(sets) if not (
         (truth / f'{set_name(i)}.json').is_file()
         and (out / 'devices' / f'{set_name(i)}.yaml').is_file())]
@@ -109,9 +111,10 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None):
     })
 
 
-def batch_id(sets, seed):
+def batch_id(sets, seed, unforeseen=False):
     """Return a fingerprint of a batch, of which the seed cannot be read off."""
-    return hashlib.sha256(f'challenge/1 {sets} {seed}'.encode()).hexdigest()[:16]
+    kind = ' unforeseen' if unforeseen else ''
+    return hashlib.sha256(f'challenge/1 {sets} {seed}{kind}'.encode()).hexdigest()[:16]
 
 
 def make_set(out, index, seed, kind, ids):

@@ -64,6 +64,11 @@ def output_drop(p, dq, h):
 
     """
     current = dq / h
+    if p.crossover_voltage > 0.0:
+        # Neither transistor conducts until the output is so far off: a class B stage.
+        load = np.tanh(current / p.crossover_current)
+        return (p.crossover_voltage * load,
+                p.crossover_voltage / p.crossover_current / h * (1.0 - load * load))
     if p.current_limit < np.inf:
         limit = p.current_limit if current > 0.0 else p.current_limit * p.sink_share
         load = current / limit
@@ -138,6 +143,9 @@ def mechanical_force(p, q, x, bristle, relaxed, heat, force):
     if p.hertz_stiffness > 0.0 and x > p.hertz_gap:
         total -= p.hertz_stiffness * (x - p.hertz_gap) ** 1.5
     total -= p.mount_stiffness * x - relaxed
+    if p.yielding_stiffness > 0.0:
+        total += p.yielding_stiffness * p.yielding_width * np.log1p(
+            np.exp((x - p.yielding_place) / p.yielding_width))
     if p.detent_force != 0.0:
         total -= p.detent_force * np.sin(2.0 * np.pi * x / p.detent_pitch)
     return total

@@ -38,6 +38,9 @@ class Sensing:
     vibration_free_running: bool = True  # another phase in every recording
     knocks: float = 0.0  # m
     knock_rate: float = 4.0  # 1/s
+    run_up: float = 0.0  # m, of a machine nearby that speeds up in every recording
+    run_up_from: float = 20.0  # Hz
+    run_up_to: float = 150.0  # Hz
     # Displacement sensor
     lag: float = 0.0  # s, dominant pole
     second_lag: float = 0.0  # s
@@ -55,10 +58,16 @@ class Sensing:
     telegraph_rate: float = 5.0  # 1/s
     dropouts: float = 0.0  # fraction of time
     dropout_length: float = 2e-3  # s
+    clipping: float = np.inf  # m, where the reading ends, softly
+    clipping_knee: float = 1e-7  # m
+    reading_step: float = 0.0  # m
     # Charge measurement
     leak_resistance: float = np.inf  # Ohm at small voltage
     leak_voltage: float = 60.0  # V, of its exponential growth
     droop_time: float = np.inf  # s
+    discharge: float = 0.0  # C that goes past the ceramic at a time
+    discharge_above: float = np.inf  # V
+    discharge_rate: float = 5.0  # 1/s
 
 
 @njit(cache=True)
@@ -155,6 +164,11 @@ def measure(sensing, trace, time, index):
             v / sensing.leak_voltage)
         charge = charge + np.concatenate(
             [[0.0], np.cumsum(0.5 * (current[1:] + current[:-1]) * np.diff(t))])
+    if sensing.discharge:
+        struck = (random.random(t.size) < sensing.discharge_rate * np.diff(t, prepend=t[0])) & (
+            v > sensing.discharge_above)
+        charge = charge + sensing.discharge * np.cumsum(
+            struck * random.uniform(0.3, 1.7, t.size))
     if np.isfinite(sensing.droop_time):
         # A charge amplifier forgets: high pass.
         charge = charge - low_pass(t, charge - charge[0], sensing.droop_time)
@@ -177,6 +191,10 @@ def surroundings(sensing, t, random):
         angle = 2.0 * np.pi * sensing.vibration_frequency * t
         x += sensing.vibration * (np.sin(angle + phases[0]) + sensing.vibration_harmonic
                                   * np.sin(2.0 * angle + phases[1]))
+    if sensing.run_up:
+        speeding = 0.5 * (sensing.run_up_to - sensing.run_up_from) * t ** 2 / t[-1]
+        x += sensing.run_up * np.sin(2.0 * np.pi * (sensing.run_up_from * t + speeding)
+                                     + random.uniform(0.0, 2.0 * np.pi))
     if sensing.knocks:
         count = max(2, random.poisson(sensing.knock_rate * t[-1]))
         for start in random.uniform(0.0, 0.95 * t[-1], count):
@@ -211,4 +229,9 @@ def distort(sensing, x, v, t, random):
         count = max(2, int(sensing.dropouts * t.size / length))
         for start in random.integers(1, t.size - length, count):
             x[start:start + length] = x[start - 1]
+    if np.isfinite(sensing.clipping):
+        x = sensing.clipping - sensing.clipping_knee * np.logaddexp(
+            0.0, (sensing.clipping - x) / sensing.clipping_knee)
+    if sensing.reading_step:
+        x = sensing.reading_step * np.round(x / sensing.reading_step)
     return x

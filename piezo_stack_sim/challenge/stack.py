@@ -39,6 +39,8 @@ class Stack(NamedTuple):
     sink_share: float = 1.0  # of the current limit, when discharging
     ringing_frequency: float = 0.0  # Hz, 0 is none
     ringing_damping: float = 0.1
+    crossover_voltage: float = 0.0  # V, of a class B output
+    crossover_current: float = 2e-4  # A
 
     # Creep: charge that follows with the logarithm of time.
     creep_per_decade: float = 0.0
@@ -85,6 +87,9 @@ class Stack(NamedTuple):
     mount_exponent: float = 0.1
     detent_force: float = 0.0  # N
     detent_pitch: float = 2e-6  # m
+    yielding_stiffness: float = 0.0  # N/m that a disc spring gives back beyond a place
+    yielding_place: float = 5e-6  # m
+    yielding_width: float = 5e-7  # m
     # A payload on the moving end, by a joint that is stiff but not rigid.
     body_mass: float = 0.0  # kg
     body_stiffness: float = 0.0  # N/m

@@ -41,14 +41,16 @@ def command():
               help='Same seed, same devices. Keep it to yourself: it is as good as the labels.')
 @click.option('--out', required=True, metavar='DIR',
               help='Public folder; labels go to DIR.labels.json and DIR.truth beside it.')
+@click.option('--unforeseen', is_flag=True,
+              help='Only effects that no rule of the diagnosis was made for.')
 @jobs_option
 @scheduler_option
-def make_command(sets, seed, out, jobs, scheduler):
+def make_command(sets, seed, out, unforeseen, jobs, scheduler):
     """Make recording sets of devices with hidden effects."""
     from piezo_stack_sim.challenge.make import make
 
     with counted('Making devices', sets) as progress:
-        labels = make(sets, seed, out, jobs, scheduler, progress)
+        labels = make(sets, seed, out, jobs, scheduler, progress, unforeseen)
     click.echo(f'{sets} devices: {out}; labels: {labels}')
 
 
