@@ -18,6 +18,7 @@ from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
 from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.quantities import significant
 from piezo_stack_sim.gap.ranked import DEFAULTS
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.staircase import suspect_steps
@@ -267,6 +268,19 @@ def test_noise_that_is_louder_than_estimated_everywhere_is_no_structure(device):
     assert judge.structure(np.sqrt(1.5) * noise) == pytest.approx(0.4)
 
 
+def test_a_slow_gap_in_one_recording_is_structure_however_few_of_its_rows_are_independent(device):
+    recordings = a_set(device, ('voltage',)).recordings
+    evidence = prepare(recordings, simulate_set(device, recordings))
+    noise = np.random.default_rng(3).standard_normal(residuals(device, evidence).size)
+    rows = evidence.tracks[0].measured['voltage'].size
+    walks = np.zeros(noise.size)
+    walks[:rows] = np.linspace(-1.0, 1.0, rows)
+    for height, told in ((0.5, False), (4.0, True)):
+        drifting = noise + height * walks
+        assert (Judge.from_residual(evidence, drifting, drifting).structure(drifting)
+                > DEFAULTS.excess) == told
+
+
 def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):
     from piezo_stack_sim.gap import diagnose_set
     sure = device.replace(actuator=device.actuator.replace(relative_uncertainty=0.0))
@@ -470,7 +484,8 @@ def in_steps_of(step):
 
 
 @pytest.mark.parametrize('effect, step, block', [
-    (None, 0.4, 'drive'), (None, 0.213, 'drive'), (None, None, None), ('friction', None, None),
+    (None, 0.4, 'drive'), (None, 0.213, 'drive'), (None, 0.06, 'drive'), (None, None, None),
+    ('friction', None, None),
     ('amplifier_bandwidth', None, None), ('mechanical_resonance', None, None)])
 def test_a_command_in_steps_is_the_drives_even_where_nobody_measured_the_voltage(
         device, effect, step, block):
@@ -485,7 +500,7 @@ def test_a_command_in_steps_is_the_drives_even_where_nobody_measured_the_voltage
     evidence = prepare(recordings, simulated)
     suspect = suspect_steps(device, evidence, block_residuals(device, evidence, simulated))
     assert (suspect and suspect.block) == block
-    assert step is None or f'steps of {step:.2f} V' in suspect.reason
+    assert step is None or f'steps of {significant(step, 2)} V' in suspect.reason
 
 
 def has_play(x):

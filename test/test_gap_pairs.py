@@ -269,3 +269,25 @@ def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
     search_partners(fitter, search, 'parallel_stiffness', lambda message: None, names)
     found = search.fits['leakage+parallel_stiffness'].effects
     assert found['leakage']['resistance'] == pytest.approx(1e8, rel=0.05)
+
+
+def test_what_resembles_a_pair_is_judged_where_neither_of_the_two_was_asked_alone(device):
+    true = device.with_effects({'sensor_lag': {'time_constant': 5e-5},
+                                'sensor_gain': {'gain_error': 0.02}})
+    fitter = fitter_of(device, true, [programmes.triangle(cycles=1), programmes.multisine()],
+                       np.random.default_rng(3), NOISE)
+    search = search_singles(fitter, str, ('sensor_lag', 'sensor_delay', 'sensor_gain',
+                                          'amplifier_gain'))
+    name = pairs.pair_of('sensor_lag', 'sensor_gain')
+    search.fits[name] = fitter.fit({**search.fits['sensor_lag'].effects,
+                                    **search.fits['sensor_gain'].effects})
+    asked = pairs.exchange_alike(fitter, search, name, {
+        frozenset(('sensor_lag', 'sensor_delay')), frozenset(('sensor_gain', 'amplifier_gain'))},
+        str)
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    late, driven = asked
+    assert (late, driven) == (pairs.pair_of('sensor_delay', 'sensor_gain'),
+                              pairs.pair_of('sensor_lag', 'amplifier_gain'))
+    nats = {each: pairs.explained(forms, search, each).nats for each in [name, *asked]}
+    # The voltage was measured: a wrong gain of the driver explains nothing beside the lag.
+    assert nats[name] > nats[driven] and nats[late] > nats[driven]
