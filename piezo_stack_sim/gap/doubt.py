@@ -58,9 +58,9 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     verdict, best = decision.verdict, decision.singles[0]
     stranger = _stranger(fitter, search, decision)
     if stranger is not None:
-        known = decision.singles[0]
-        return _unknown(decision, stranger, thresholds, _known(known) + ', but ' if (
-            known.removed > 0.0) else '')
+        known = f'{_known(best)}, but ' if best.removed > 0.0 else ''
+        return _unknown(decision, stranger, thresholds,
+                        known if verdict.block is None else f'{verdict.reason}: ')
     named = next((one for one in decision.singles if (one.name,) == verdict.selected), None)
     if verdict.word == 'UNKNOWN' and verdict.block is None and best.removed > thresholds.half:
         named = best
@@ -89,7 +89,7 @@ def _known(best: Ranked) -> str:
 def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Suspect | None:
     """Return what the library lacks and leaves clearly less than all of it, or None."""
     verdict, judge, removable = decision.verdict, decision.judge, decision.removable
-    if verdict.word == 'NO_GAP' or verdict.block is not None:
+    if verdict.word == 'NO_GAP':
         return None
     nominal = search.nominal.residual
 
@@ -101,7 +101,7 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Suspect | N
     if 1.0 - explained(judge, known) < WORTH:
         return None
     met = meet(fitter, search.nominal)
-    if met is None:
+    if met is None or verdict.block not in (None, met.suspect.block):
         return None
     judge = Judge.from_residual(fitter.evidence, met.residual, nominal)
     left = 1.0 - explained(judge, met.residual)
