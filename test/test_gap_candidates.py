@@ -11,6 +11,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import (
     _from_relatives, is_idle, Probe, Search, search_singles, tune)
+from piezo_stack_sim.gap.descent import _bounded_step
 from piezo_stack_sim.gap.fit import _inverse, Fit
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.starts import extent_of, starts_of
@@ -247,3 +248,24 @@ def test_numbers_cost_what_the_rows_narrow_them_down(device):
     assert 5.0 < spent('transducer_nonlinearity', {'curvature': 0.01}, 1e-9) < fine
     fitter = fitter_of(device, device, recorded, np.random.default_rng(2))
     assert fitter.spent(fitter.fit({})) == 0.0
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_a_step_goes_as_far_as_its_bounds_allow_however_unlike_these_are(seed):
+    random = np.random.default_rng(seed)
+    n, damping = 12, 1e-3
+    tall = random.standard_normal((40, n)) * 10.0 ** random.uniform(-3, 3, n)
+    square, slope = tall.T @ tall, tall.T @ (100.0 * random.standard_normal(40))
+    scale = np.sqrt(np.diag(square))
+    # A number at its bound, one that is as good as free, and all between.
+    low = -10.0 ** random.uniform(-8, 1, n) / scale
+    high = 10.0 ** random.uniform(-8, 24, n) / scale
+    step = _bounded_step(square, np.zeros(n), slope, damping, low, high)
+    assert np.all(step >= low) and np.all(step <= high)
+    downhill = -(square @ step + damping * scale ** 2 * step + slope) / scale
+    floor = 1e-5 * np.abs(slope / scale).max()
+    inside = (step > low + 1e-9 / scale) & (step < high - 1e-9 / scale)
+    assert inside.any() and not inside.all()
+    assert np.abs(downhill[inside]).max() < floor
+    assert np.all(downhill[step <= low + 1e-9 / scale] < floor)
+    assert np.all(downhill[step >= high - 1e-9 / scale] > -floor)

@@ -211,5 +211,6 @@ def _bounded_step(square, precision, slope, damping, low, high) -> np.ndarray:
     low, high = np.minimum(low * scale, -1e-12), np.maximum(high * scale, 1e-12)
     step = np.linalg.solve(root.T, target)
     if np.any(step < low) or np.any(step > high):
-        step = lsq_linear(root.T, target, bounds=(low, high), tol=1e-6, max_iter=50).x
+        # Not by 'trf': where no step leads further than rounding its search never ends.
+        step = lsq_linear(root.T, target, bounds=(low, high), method='bvls').x
     return np.clip(step, low, high) / scale

@@ -150,7 +150,8 @@ class _Around:
         now = self.lens(residual) - self.seen @ phi
         root = np.linalg.cholesky(self.square)
         bound = self.nuisance.bound + 1e-12
-        new = lsq_linear(root.T, -np.linalg.solve(root, self.seen.T @ now), (-bound, bound)).x
+        new = lsq_linear(root.T, -np.linalg.solve(root, self.seen.T @ now), (-bound, bound),
+                         method='bvls').x
         rest = now + self.seen @ new
         return float(rest @ rest + new @ self.precision @ new), new
 
