@@ -130,8 +130,7 @@ def test_a_stranger_is_known_by_what_it_leaves_beside_re_tuned_parameters(
 
 
 @pytest.mark.parametrize('effect', [
-    'thermal_drift', 'initial_polarisation', 'sensor_lag', 'friction', 'creep', 'sensor_gain',
-    'amplifier_gain', 'leakage'])
+    'thermal_drift', 'initial_polarisation', 'sensor_lag', 'friction', 'creep'])
 def test_no_stranger_takes_the_place_of_what_the_library_has(device, effect):
     recordings = a_set(device.with_effects({effect: EFFECTS[effect].typical()}))
     answer = diagnose_set(recordings, device, traces=False).document
