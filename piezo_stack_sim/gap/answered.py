@@ -5,8 +5,9 @@ Whether charge is wrong as if the command had gone through a filter that nobody 
 
 Where nobody measured the voltage, a driver that rings and a ceramic that takes other charge look
 alike to charge and displacement.  But what a driver makes of a change of the command within a few
-rows is the same wherever and whenever that comes: it is linear, and soon over.  Hysteresis is
-neither.
+milliseconds is the same wherever and whenever that comes: it is linear, and soon over.  Hysteresis
+is neither; but where a command moves at one speed it goes by the direction, as a lag does.  So
+what the speed of the moment tells is a sign of neither, and only what is beyond it counts.
 """
 
 from __future__ import annotations

@@ -104,12 +104,12 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
         tuned, evidence, simulated, None if behind is None else fitter.device_with({}, behind))
     suspect = None
     if verdict.word in UNNAMED and verdict.block is None:
-        course = Course.of(evidence, simulated, cuts)
+        course, felt = Course.of(evidence, simulated, cuts), suspect_block(cuts)
         suspect = (suspect_steps(tuned, evidence, cuts) or suspect_clock(course)
                    or suspect_filter(evidence, simulated, cuts)
-                   or suspect_pitch(course, suspect_block(cuts) is NOT_FELT)
+                   or suspect_pitch(course, felt is NOT_FELT)
                    or suspect_bursts(cuts, course) or suspect_jumps(cuts, course)
-                   or suspect_block(cuts))
+                   or felt)
         if suspect is NOT_FELT:
             suspect = suspect_play(course) or suspect
         elif suspect is OTHER_RATIO and is_plain(course):

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from piezo_stack_sim.gap.cores import parallel
@@ -42,6 +44,13 @@ def residuals(device: Device, evidence: Evidence) -> np.ndarray:
             return [track.weighted(c, simulated[c]) for c in track.channels]
 
     return np.concatenate([row for rows in parallel(one, evidence.tracks) for row in rows])
+
+
+def residuals_of(evidence: Evidence, simulated: Sequence[dict[str, np.ndarray]]) -> np.ndarray:
+    """Return the same, (N,), of outputs that are simulated already."""
+    return np.concatenate([track.weighted(channel, answer[channel])
+                           for track, answer in zip(evidence.tracks, simulated)
+                           for channel in track.channels])
 
 
 def spans(evidence: Evidence) -> list[slice]:

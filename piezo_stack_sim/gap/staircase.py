@@ -24,6 +24,7 @@ ANSWER = 64  # rows after which a step has been answered
 SMALL = 2e-3  # of the span, a step whose answer is taken: less than breaks an element
 FAINT = 0.05  # part of the best answered frequency's power below which nothing is turned back
 TOLD = 0.15  # part of what the command must have missed that steps tell; others tell a hundredth
+SIZED = 0.3  # and part from which it is believed how large they are
 
 
 def suspect_steps(device: Device, evidence: Evidence, cuts: Sequence[dict]) -> Suspect | None:
@@ -51,8 +52,10 @@ def suspect_steps(device: Device, evidence: Evidence, cuts: Sequence[dict]) -> S
     best = int(np.argmax(told))
     if told[best] < TOLD * total:
         return None
-    return Suspect('drive', 'the displacement is wrong as if the command came in steps of '
-                   f'{significant(float(steps[best]), 2)} V: a converter misses bits')
+    # Rows as far apart as the steps, or steps finer than those tried, mislead on the size.
+    size = f' of {significant(float(steps[best]), 2)} V' if told[best] > SIZED * total else ''
+    return Suspect('drive', 'the displacement is wrong as if the command came in steps'
+                   f'{size}: a converter misses bits')
 
 
 def _missed(device: Device, evidence: Evidence, cuts: Sequence[dict]

@@ -26,7 +26,7 @@ from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import CLOCK, HEATED, play
 from piezo_stack_sim.gap.evidence import Evidence, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter
-from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.forward import residuals_of, simulate_set
 from piezo_stack_sim.gap.where import moved_by_charge
 from piezo_stack_sim.plant import Device
 from scipy.optimize import lsq_linear
@@ -41,6 +41,7 @@ WARM = np.geomspace(0.5, 20.0, 8)  # s
 OFFSET = 0.05  # V by which the command is moved to see what an offset does
 ON, OFF = np.linspace(0.3, 0.95, 14), np.linspace(0.02, 0.6, 13)  # of the highest voltage
 BETWEEN = np.linspace(-0.04, 0.04, 5)  # of what was best of these, then
+LEAKED = 1e-9  # m/V, that leaks into the reading to see what it does
 RELAYED = 1e-7  # C, that a relay lets in to see what it does
 AGAIN = 2  # times that the best place is re-tuned and simulated
 
@@ -86,37 +87,34 @@ def meet(fitter: Fitter, nominal: Fit) -> Met | None:
         Of the re-tuned nominal device.
 
     """
-    evidence = fitter.evidence
-    channels = set(evidence.channels)
-    met = [_met(fitter, nominal, stranger) for stranger in STRANGERS
+    channels = set(fitter.evidence.channels)
+    around = _Around(fitter, nominal)
+    met = [_met(around, stranger) for stranger in STRANGERS
            if any(need <= channels for need in stranger.needs)]
     return min(met, key=lambda one: one.cost, default=None)
 
 
-def _met(fitter: Fitter, nominal: Fit, stranger: Stranger) -> Met:
+def _met(around: _Around, stranger: Stranger) -> Met:
     """Return a stranger with the size that leaves least."""
-    evidence = fitter.evidence
-    slope = fitter.nominal.whole if nominal.nominal is None else nominal.nominal
-    around = _Around(fitter, slope, nominal.phi)
-    phi, best = nominal.phi, None
-    for _ in range(AGAIN):
-        device = fitter.device_with({}, phi)
-        outputs = simulate_set(device, [track.recording for track in evidence.tracks])
-        base = _residual(evidence, outputs)
+    evidence = around.fitter.evidence
+    phi, best, (device, outputs, base) = around.phi, None, around.start
+    for again in range(AGAIN):
+        if again:
+            device, outputs, base = around.at(phi)
         # Where it was best at first it is about best again, the parameters re-tuned beside it.
         sizes = list(stranger.sizes(outputs) if best is None else stranger.near(best))
 
         def ask(size):
-            change = _residual(evidence, stranger.put(device, evidence, outputs, size)) - base
-            return around.cost(base, change, phi, stranger.any_scale)
+            change = residuals_of(evidence, stranger.put(device, evidence, outputs, size)) - base
+            return around.cost(base, change, stranger.any_scale)
 
         costs = parallel(ask, sizes)
         best = sizes[int(np.argmin([cost for cost, _ in costs]))]
         scale = costs[sizes.index(best)][1]
         change = scale * (
-            _residual(evidence, stranger.put(device, evidence, outputs, best)) - base)
+            residuals_of(evidence, stranger.put(device, evidence, outputs, best)) - base)
         cost, new = around.tuned(base + change, phi)
-        residual = base + change + slope @ (new - phi)
+        residual = base + change + around.slope @ (new - phi)
         phi = new
     return Met(stranger.suspect, residual, cost)
 
@@ -124,18 +122,27 @@ def _met(fitter: Fitter, nominal: Fit, stranger: Stranger) -> Met:
 class _Around:
     """What re-tuning the nominal parameters does, linearly, around a fit of them."""
 
-    def __init__(self, fitter: Fitter, slope: np.ndarray, phi: np.ndarray) -> None:
-        self.lens, self.nuisance = fitter.lens, fitter.nuisance
-        self.seen = fitter.lens(slope).astype(float)
+    def __init__(self, fitter: Fitter, nominal: Fit) -> None:
+        self.fitter, self.phi, self.nuisance = fitter, nominal.phi, fitter.nuisance
+        self.lens = fitter.lens
+        self.slope = fitter.nominal.whole if nominal.nominal is None else nominal.nominal
+        self.seen = self.lens(self.slope).astype(float)
         self.precision = np.diag(self.nuisance.prior ** -2.0)
         self.square = self.seen.T @ self.seen + self.precision
         self.inverse = np.linalg.inv(self.square)
+        self.start = self.at(nominal.phi)
+
+    def at(self, phi: np.ndarray) -> tuple[Device, Outputs, np.ndarray]:
+        """Return the device with its parameters so, its outputs, and its residual (N,)."""
+        evidence, device = self.fitter.evidence, self.fitter.device_with({}, phi)
+        outputs = simulate_set(device, [track.recording for track in evidence.tracks])
+        return device, outputs, residuals_of(evidence, outputs)
 
     def cleared(self, seen: np.ndarray) -> np.ndarray:
         """Return changes (M,) without what the nominal parameters, bounds apart, can imitate."""
         return seen - self.seen @ (self.inverse @ (self.seen.T @ seen))
 
-    def cost(self, base: np.ndarray, change: np.ndarray, phi: np.ndarray, any_scale: bool
+    def cost(self, base: np.ndarray, change: np.ndarray, any_scale: bool
              ) -> tuple[float, float]:
         """Return the cost of a change (N,) of a residual, and the multiple of it that counts."""
         left, along = self.cleared(self.lens(base)), self.cleared(self.lens(change))
@@ -154,12 +161,6 @@ class _Around:
                          method='bvls').x
         rest = now + self.seen @ new
         return float(rest @ rest + new @ self.precision @ new), new
-
-
-def _residual(evidence: Evidence, outputs: Outputs) -> np.ndarray:
-    return np.concatenate([track.weighted(channel, answer[channel])
-                           for track, answer in zip(evidence.tracks, outputs)
-                           for channel in track.channels])
 
 
 def _since(track: Track) -> np.ndarray:
@@ -184,7 +185,7 @@ def _with_play(device, evidence, outputs, half):
 
 
 def _leaking(device, evidence, outputs, size):
-    return [{**answer, 'displacement': answer['displacement'] + 1e-9 * answer['voltage']}
+    return [{**answer, 'displacement': answer['displacement'] + LEAKED * answer['voltage']}
             for answer in outputs]
 
 
