@@ -83,7 +83,8 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=F
     truth = labels.truth_folder(out)
     owner = truth / 'batch.txt'
     if owner.is_file() and owner.read_text().strip() != ours:
-        raise InputError(f'{out}: holds another batch (sets, seed or kind differ); give another --out')
+        raise InputError(f'{out}: holds another batch (sets, seed or kind differ); '
+                         'give another --out')
     write_text(owner, ours + '\n')
     schedule = case.schedule(sets, seed, unforeseen)
     waiting = [i for i in range(sets) if not (
