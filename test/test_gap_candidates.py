@@ -11,7 +11,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import (
     _from_relatives, is_idle, Probe, Search, search_singles, tune)
-from piezo_stack_sim.gap.descent import _bounded_step
+from piezo_stack_sim.gap.descent import _bounded_step, descend, Landscape
 from piezo_stack_sim.gap.fit import _inverse, Fit
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.starts import extent_of, starts_of
@@ -269,3 +269,18 @@ def test_a_step_goes_as_far_as_its_bounds_allow_however_unlike_these_are(seed):
     assert np.abs(downhill[inside]).max() < floor
     assert np.all(downhill[step <= low + 1e-9 / scale] < floor)
     assert np.all(downhill[step >= high - 1e-9 / scale] > -floor)
+
+
+def test_a_step_that_hardly_moves_an_effect_teaches_nothing_about_it():
+    """Else what the nominal parameters do would count as sensitivity: an interval of nothing."""
+    random = np.random.default_rng(11)
+    effect, nominal, bent = random.standard_normal((3, 400))
+
+    def residual(walk, phi):
+        return effect * walk[0] + nominal * (phi[0] - 0.5) + bent * (phi[0] - 0.5) ** 2
+
+    landscape = Landscape(residual, lambda values: values, np.array([-1.0]), np.array([1.0]),
+                          np.array([1.0]), np.array([10.0]))
+    end = descend(landscape, np.array([1e-7]), np.zeros(1), None, 6)
+    assert end.cost < 1.0
+    assert np.linalg.norm(end.effect[:, 0] - effect) < np.linalg.norm(effect)
