@@ -3,7 +3,9 @@
 """From scores to words: what is said follows from what hypotheses explain and leave."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+from piezo_stack_sim.gap.decision import _simpler
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.gap.second import rivals_beside_mended, rivals_of
@@ -183,6 +185,46 @@ def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_c
     assert decide(singles, [poor, other], 0.99, 50.0, [], kin=kin).word == 'MULTIPLE'
 
 
+def test_a_relative_counts_where_one_leaves_more_than_twice_what_both_do():
+    singles = [Ranked('contact', 170.0, 0.78, 2, 0.26),
+               Ranked('asymmetric_hysteresis', 169.0, 0.67, 1, 0.26)]
+    pair = Ranked('asymmetric_hysteresis+contact', 240.0, 0.93, 3, 0.07, second=180.0, part=0.36,
+                  over=220.0, form=360.0)
+    kin = {frozenset(('asymmetric_hysteresis', 'contact'))}
+
+    def word(pair, best=singles[0]):
+        return decide([best, singles[1]], [pair], 0.87, 39.0, [], kin=kin).word
+
+    assert word(pair) == 'MULTIPLE'
+    # Not if an error of form could be it, if much is left, or if one explains nearly all.
+    assert word(replace(pair, form=100.0)) != 'MULTIPLE'
+    assert word(replace(pair, removed=0.86)) != 'MULTIPLE'
+    assert word(replace(pair, left=0.2)) != 'MULTIPLE'
+    assert word(replace(pair, removed=0.99), replace(singles[0], removed=0.9)) != 'MULTIPLE'
+
+
+def test_what_shows_no_end_is_named_after_what_has_none():
+    """The bend that a time constant beyond the recordings makes is the form of a steady drift."""
+    warms = Ranked('thermal_drift', 1000.0, 0.999, 2, 0.01, spent=20.0, simpler='sensor_drift')
+    drifts = Ranked('sensor_drift', 960.0, 0.998, 1, 0.01, spent=15.0)
+    alike = [['thermal_drift', 'sensor_drift']]
+    verdict = decide([warms, drifts], [], 0.999, 50.0, alike)
+    assert verdict.tie == ('sensor_drift', 'thermal_drift')
+    ends = replace(warms, simpler='')
+    assert decide([ends, drifts], [], 0.999, 50.0, alike).selected == ('thermal_drift',)
+
+
+@pytest.mark.parametrize('time_constant, simpler', [
+    (31.0, 'contact+sensor_drift'), (29.0, '')])
+def test_a_time_constant_shows_in_recordings_that_outlast_it(time_constant, simpler):
+    fit = SimpleNamespace(effects={'contact': {}, 'thermal_drift': {
+        'time_constant': time_constant}})
+    evidence = SimpleNamespace(tracks=[SimpleNamespace(recording=SimpleNamespace(duration=each))
+                                       for each in (0.3, 30.0)])
+    assert _simpler('contact+thermal_drift', fit, evidence) == simpler
+    assert _simpler('contact', fit, evidence) == ''
+
+
 @pytest.mark.parametrize('alone, together, word', [
     (0.60, 0.99, 'MULTIPLE'),  # hardly anything is left: no form misses so much
     (0.60, 0.85, 'CAUSE'),  # what the form of the first misses may be what the second fills in
@@ -249,6 +291,17 @@ def test_a_pair_that_nobody_would_believe_takes_no_place(stop_and_delay):
     assert formed not in rivals_of(believed.name, first, every, DEFAULTS, kin)
     # What shows only where the first hardly acts stands for nothing that shows elsewhere.
     assert rivals_of(clear.name, first, [clear, believed], DEFAULTS, ()) == [clear]
+
+
+def test_of_two_effects_a_second_that_shows_no_end_is_the_one_that_has_none(stop_and_delay):
+    singles, pair = stop_and_delay
+    pairs = [replace(pair('contact+thermal_drift', 700.0), simpler='contact+sensor_drift',
+                     parameters=4), pair('contact+sensor_drift', 620.0)]
+    verdict = tie_pairs(decide(singles, pairs, 0.99, 50.0, []), pairs, singles)
+    assert verdict.tie == ('sensor_drift', 'thermal_drift')
+    pairs[0] = replace(pairs[0], simpler='')
+    verdict = tie_pairs(decide(singles, pairs, 0.99, 50.0, []), pairs, singles)
+    assert verdict.selected == ('contact', 'thermal_drift')
 
 
 def test_pairs_that_do_as_well_where_they_act_are_told_by_all_rows(stop_and_delay):

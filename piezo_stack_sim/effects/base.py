@@ -57,10 +57,11 @@ class Effect:
     ``swings`` tells an optimiser that its parameters are swings that were made
     before, the first the largest: no derivative with respect to them leads far.
     ``becomes`` names the effect that it is where its strength is at its other end:
-    a stop without a gap is a spring.  ``form_like`` names effects that resemble what its
-    form leaves out, ``form_mended_by`` those that together with it are what the effect may
-    really be, ``twin`` says what does the same to all channels
-    and is none of them.
+    a stop without a gap is a spring.  ``before_its_time`` names its time constant and the effect
+    that it cannot be told from before that has passed.  ``form_like`` names effects that
+    resemble what its form leaves out, ``form_mended_by`` those that together with it are what
+    the effect may really be, ``twin`` says what does the same to all channels and is none of
+    them.
     """
 
     id: str  # noqa: A003
@@ -73,6 +74,7 @@ class Effect:
     each_time: str = ''
     swings: bool = False
     becomes: str = ''
+    before_its_time: tuple[str, str] | None = None
     form_like: tuple[str, ...] = ()
     form_mended_by: tuple[str, ...] = ()
     twin: str = ''

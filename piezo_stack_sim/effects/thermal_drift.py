@@ -31,4 +31,4 @@ EFFECT = Effect(
         Parameter('time_constant', 's', 300.0, 1.0, 1e5, 300.0, 'time constant of the warming',
                   scale='log', magnitude=False, default=300.0),
     ),
-    apply, channels=('displacement',))
+    apply, channels=('displacement',), before_its_time=('time_constant', 'sensor_drift'))

@@ -101,9 +101,21 @@ def _ranker(fitter: Fitter, search: Search, judge: Judge, removable: Removable
         return Ranked(
             name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
             count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0,
-            spent=fitter.spent(fit))
+            spent=fitter.spent(fit), simpler=_simpler(name, fit, fitter.evidence))
 
     return ranked
+
+
+def _simpler(name: str, fit: Fit, evidence: Evidence) -> str:
+    """Return the hypothesis that one cannot be told from in recordings so short, '' if none."""
+    longest = max(track.recording.duration for track in evidence.tracks)
+    names = name.split('+')
+    for i, each in enumerate(names):
+        late = EFFECTS[each].before_its_time
+        if late is not None and fit.effects[each][late[0]] > longest:
+            others = [*names[:i], *names[i + 1:], late[1]]
+            return '+'.join(sorted(others, key=list(EFFECTS).index))
+    return ''
 
 
 def rank_pairs(forms: Forms, search: Search, judge: Judge, removable: Removable,

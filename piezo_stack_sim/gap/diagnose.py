@@ -98,14 +98,14 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     progress('simulating the parameter file as given')
     before = simulate_set(device, checked.recordings)
     checked = checked.replace(recordings=sized(checked.recordings, before))
-    evidence = prepare(checked.recordings, before)
+    evidence = prepare(checked.recordings, before, device)
     progress('re-tuning the nominal parameters')
     fitter = Fitter(device, evidence)
     fitter.prepare(parallel)
     tuned = fitter.fit({})
     # Without the calibration error more of what is left is noise: weigh anew.
     first, evidence = evidence, prepare(checked.recordings, simulate_set(
-        fitter.device_with({}, tuned.phi), checked.recordings))
+        fitter.device_with({}, tuned.phi), checked.recordings), device)
     fitter = fitter.reweighed(evidence, reweigh(first, evidence))
     search = search_singles(fitter, progress)
     # A slow answer to every command had passed for noise unless something explains it now.

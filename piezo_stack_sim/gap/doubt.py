@@ -21,7 +21,7 @@ from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.strangers import meet
 from piezo_stack_sim.gap.verdict import Verdict
-from piezo_stack_sim.gap.where import block_residuals
+from piezo_stack_sim.gap.where import block_residuals, is_driver_loudest
 
 _PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it: something has '
                 'play')
@@ -57,6 +57,9 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     """
     verdict, best = decision.verdict, decision.singles[0]
     stranger = _stranger(fitter, search, decision)
+    if stranger is not None and stranger.block != 'drive' and is_driver_loudest(
+            _course(fitter, search.nominal)[0]):
+        stranger = None  # what is wrong at the terminals is not explained by what lies behind
     if stranger is not None:
         known = f'{_known(best)}, but ' if best.removed > 0.0 else ''
         return _unknown(decision, stranger, thresholds,

@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.gap.noise import ChannelNoise, estimate_noise
+from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.recording import Recording
 
 CHANNELS = ('voltage', 'charge', 'displacement')
@@ -91,10 +92,11 @@ class Track:
 
 @dataclass(frozen=True)
 class Evidence:
-    """All tracks of a set and the noise of each channel."""
+    """All tracks of a set, the noise of each channel, and the device as its file has it."""
 
     tracks: tuple[Track, ...]
     noise: dict[str, ChannelNoise]
+    device: Device | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -138,11 +140,11 @@ def quieter(evidence: Evidence, simulated) -> Evidence:
               for channel in now if now[channel] < QUIETER * track.sigma[channel]}
     if not better:
         return evidence
-    return Evidence(tuple(
+    return replace(evidence, noise=evidence.noise | better, tracks=tuple(
         replace(track,
                 sigma=track.sigma | _deviations(better, track.recording, track.factor),
                 zero=track.zero | _deviations(better, track.recording))
-        for track in evidence.tracks), evidence.noise | better)
+        for track in evidence.tracks))
 
 
 def of_any_colour(evidence: Evidence, simulated) -> Evidence:
@@ -220,7 +222,7 @@ def _averaging(recording: Recording) -> int:
     return factor if moving > 0.2 else max(factor, int(round(len(recording) / RESTING_ROWS)))
 
 
-def prepare(recordings, simulated) -> Evidence:
+def prepare(recordings, simulated, device: Device | None = None) -> Evidence:
     """
     Prepare recordings against a first simulation of them.
 
@@ -230,6 +232,8 @@ def prepare(recordings, simulated) -> Evidence:
         After preflight.
     simulated : sequence of dict
         Channel to (n,) array for each recording, from the parameter file as given.
+    device : Device, optional
+        What they are recordings of: it tells what moves with the charge.
 
     Returns
     -------
@@ -247,4 +251,4 @@ def prepare(recordings, simulated) -> Evidence:
         tracks.append(Track(
             recording, factor, measured, _deviations(noise, recording, factor),
             _deviations(noise, recording), stretch % 2 == 0))
-    return Evidence(tuple(tracks), noise)
+    return Evidence(tuple(tracks), noise, device)

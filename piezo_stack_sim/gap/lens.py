@@ -16,6 +16,7 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
+from piezo_stack_sim.gap.apart import Apart
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import spans
 from scipy.fft import dct
@@ -44,6 +45,7 @@ class Cells:
     """
 
     def __init__(self, evidence: Evidence, fitted: bool) -> None:
+        self.apart = Apart(evidence)
         self.blocks = []
         for (i, _), where in zip(evidence.keys, spans(evidence)):
             inside = np.flatnonzero(np.diff(np.concatenate(
@@ -76,7 +78,12 @@ class Cells:
                                for each, rows in zip(cells, self.blocks)])
 
     def spectrum(self, values: np.ndarray) -> np.ndarray:
-        """Return orthonormal cosine coefficients (M,) or (M, k) of values (N,) or (N, k)."""
+        """
+        Return orthonormal cosine coefficients (M,) or (M, k) of values (N,) or (N, k).
+
+        What charge moves is taken off the displacement.
+        """
+        values = self.apart(values)
         return np.concatenate([
             dct(values[rows], axis=1, norm='ortho').reshape(rows.size, *values.shape[1:])
             for rows in self.blocks])

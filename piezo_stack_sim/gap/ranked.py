@@ -27,7 +27,7 @@ class Thresholds:
     half: float = 0.5  # and the part pooled over the channels, where there is anything to remove
     flexible: float = 0.5  # part of what a cause leaves that a flexible correction may leave
     predicted: float = 0.5  # part of a gap within the noise that a flexible correction may remove
-    believed: float = 0.35  # odds of a cause below which it is none
+    believed: float = 0.4  # odds of a cause below which it is none
     trace: float = 0.05  # part removed up to which there is hardly anything
     most: float = 0.75  # part that another must remove to come before a best that is poor
     second: float = 40.0  # nats that a second effect must explain where it acts
@@ -49,6 +49,7 @@ class Thresholds:
     stays: float = 0.75  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
+    halves: float = 0.45  # part of what one leaves that is less than half, however that is judged
     as_good: float = 0.85  # part of what one removes that a look-alike removes as well
     as_likely: float = 0.1  # probability, against the best pair, from which a pair ties with it
     alike_pair: float = 0.08  # part of what pairs explain by which the form may mislead
@@ -64,10 +65,10 @@ class Thresholds:
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
-    one: tuple[float, float, float] = (3.0, -4.0, -0.5)
-    two: tuple[float, float, float] = (1.5, 0.0, 0.0)  # the same for two
-    nothing: float = 0.94  # how often NO_GAP is right
-    unknown: float = 0.85  # and UNKNOWN
+    one: tuple[float, float, float] = (3.2, -4.0, -0.5)
+    two: tuple[float, float, float] = (2.5, 0.0, 0.0)  # the same for two
+    nothing: float = 0.97  # how often NO_GAP is right
+    unknown: float = 0.9  # and UNKNOWN
 
 
 DEFAULTS = Thresholds()
@@ -91,6 +92,7 @@ class Ranked:
     form: float = math.inf  # the same where errors of form are excused (gap/form.py)
     wrong: float = 0.0  # and the relative error of the form of the second
     spent: float = 0.0  # nats that its numbers cost: those who are free to choose fit more easily
+    simpler: str = ''  # the hypothesis that it cannot be told from in recordings so short
     beside: Ranked | None = None  # the first with another that mends its form, if it has one
 
     def odds(self, learned: tuple[float, float, float], hidden: bool = False) -> float:

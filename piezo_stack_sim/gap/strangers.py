@@ -20,6 +20,7 @@ import itertools
 from typing import Any
 
 import numpy as np
+from piezo_stack_sim.gap.apart import moved_by_charge
 from piezo_stack_sim.gap.back_coupling import Suspect
 from piezo_stack_sim.gap.blackbox import lagged
 from piezo_stack_sim.gap.cores import parallel
@@ -27,7 +28,6 @@ from piezo_stack_sim.gap.course import CLOCK, HEATED, play
 from piezo_stack_sim.gap.evidence import Evidence, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import residuals_of, simulate_set
-from piezo_stack_sim.gap.where import moved_by_charge
 from piezo_stack_sim.plant import Device
 from scipy.optimize import lsq_linear
 

@@ -232,7 +232,7 @@ def _cut(evidence: Evidence, driver: Device, ideal: Device) -> Evidence:
     recordings = [track.recording if voltage is None else voltage.as_command()
                   for track, voltage in zip(kept, voltages)]
     simulated = simulate_set(ideal, recordings)
-    new = prepare(recordings, simulated)
+    new = prepare(recordings, simulated, ideal)
 
     def weighed(job):
         track, voltage, answer = job

@@ -30,7 +30,9 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     look-alikes so is the one that had less choice among its numbers.
     """
     able = contenders(ranked, thresholds)
-    gains = np.array([r.gain if r in able else -np.inf for r in ranked])
+    scored = {r.name: r.gain if r in able else -math.inf for r in ranked}
+    # What one has over a simpler one that it cannot be told from is the form of that.
+    gains = np.array([min(scored[r.name], scored.get(r.simpler, math.inf)) for r in ranked])
     best = able[0]
     # What the best leaves, no hypothesis of the library has the form of.
     unknown = thresholds.form + 0.05 * (1.0 - min(max(best.removed, 0.0), 1.0))
@@ -344,14 +346,19 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
 
 def _weights(pairs: list[Ranked], t: Thresholds) -> dict[Ranked, float]:
     """Return how likely pairs are against each other: by where they act, and by all rows."""
-    over, gain = (max(score(pair) - pair.spent for pair in pairs)
-                  for score in (attrgetter('over'), attrgetter('gain')))
+    known = {pair.name: pair for pair in pairs}
+
+    def scores(of: Callable[[Ranked], float]) -> list[float]:
+        # What one has over a simpler one that it cannot be told from is the form of that.
+        return [min(of(pair), of(known.get(pair.simpler, pair))) - pair.spent for pair in pairs]
+
+    over, gain = (np.array(scores(attrgetter(score))) for score in ('over', 'gain'))
     # Where none is better than one effect alone, some cells of the first drown the second.
-    there = t.temperature + t.alike_pair * over if over > 0.0 else math.inf
-    rows = t.temperature + t.alike_form * max(gain, 0.0)
-    return {pair: math.exp((pair.over - pair.spent - over) / there
-                           + (pair.gain - pair.spent - gain) / rows
-                           - t.occam * pair.parameters) for pair in pairs}
+    there = t.temperature + t.alike_pair * over.max() if over.max() > 0.0 else math.inf
+    rows = t.temperature + t.alike_form * max(gain.max(), 0.0)
+    weight = np.exp((over - over.max()) / there + (gain - gain.max()) / rows
+                    - t.occam * np.array([pair.parameters for pair in pairs]))
+    return dict(zip(pairs, weight.tolist()))
 
 
 def _percent(part: float) -> str:

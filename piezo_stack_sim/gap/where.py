@@ -17,16 +17,17 @@ import math
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.apart import gain_per_charge, moved_by_charge
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import simulate_channels, spans
 from piezo_stack_sim.gap.voltage import MeasuredVoltage
 from piezo_stack_sim.plant import Device
-from scipy import signal
 
 BEHIND_CHARGE = ('transducer', 'mechanical', 'environment', 'sensor')
 BANDS = (0.0, 1.0, 10.0, 100.0, 1000.0, math.inf)
 LOUD = 1.15  # rms over noise from which a block counts as wrong
+CLEARLY = 2.0  # and from which nobody doubts it
 
 
 def block_residuals(device: Device, evidence: Evidence, simulated, behind: Device | None = None
@@ -87,24 +88,6 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
         return out
 
     return parallel(one, range(len(evidence.tracks)))
-
-
-def gain_per_charge(device: Device) -> float:
-    """Return the static displacement per charge at the electrodes (m/C)."""
-    actuator = device.actuator
-    ratio, stiffness = actuator.transformer_ratio, actuator.stiffness + device.load.stiffness
-    return ratio / (ratio ** 2 + stiffness * actuator.linear_capacitance)
-
-
-def moved_by_charge(device: Device, charge: np.ndarray, period: float) -> np.ndarray:
-    """Return how far a charge (n,) in C moves the end, (n,) in m: Eqs. 11, 14 and 15."""
-    actuator, load = device.actuator, device.load
-    ratio, cap = actuator.transformer_ratio, actuator.linear_capacitance
-    mass, damping = actuator.mass + load.mass, actuator.damping + load.damping
-    stiffness = actuator.stiffness + load.stiffness + ratio ** 2 / cap
-    b, a, _ = signal.cont2discrete(
-        ([ratio / cap / mass], [1.0, damping / mass, stiffness / mass]), period, 'bilinear')
-    return signal.lfilter(np.ravel(b), np.ravel(a), charge)
 
 
 def _gain_per_volt(evidence, simulated) -> float:
@@ -171,6 +154,23 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
         blocks[block] = {'over_noise': ratio, 'ci': [max(ratio - half, 0.0), ratio + half],
                          'from': [ports[block][0]], 'to': ports[block][1]}
     return fractions, blocks
+
+
+def is_driver_loudest(cuts: Sequence[dict]) -> bool:
+    """
+    Tell whether the voltage at the terminals is what is most wrong, in multiples of the noise.
+
+    All else is driven by the measured voltage: what is wrong with it is the driver's, whatever
+    that does to what follows.
+    """
+    loud: dict[str, list[float]] = {}
+    for cut in cuts:
+        for name in ('drive', 'electrical', 'behind'):
+            if name in cut:
+                wrong, noise = cut[name]
+                loud.setdefault(name, []).append(float(np.mean(wrong ** 2)) / noise ** 2)
+    ratios = {name: math.sqrt(np.mean(squares)) for name, squares in loud.items()}
+    return ratios.get('drive', 0.0) > CLEARLY and max(ratios, key=ratios.__getitem__) == 'drive'
 
 
 def by_record(evidence: Evidence, residual: np.ndarray) -> tuple[dict, dict]:

@@ -1,0 +1,68 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What moves with the charge and what moves beside it, told from both."""
+
+import numpy as np
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.apart import Apart
+from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.forward import residuals, simulate_set, spans
+from piezo_stack_sim.gap.where import is_driver_loudest
+from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording import programmes
+import pytest
+
+QUIET = {'charge': 1e-9, 'displacement': 1e-9}  # the charge moves the end by a tenth of that
+PROGRAMMES = (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine())
+
+
+def taken(effects, noises=QUIET):
+    """Return rms of the displacement's gap over its noise: as it is, and taken apart."""
+    device, random, recordings = Device.nominal(), np.random.default_rng(3), []
+    unit = device.with_effects(effects)
+    for programme in PROGRAMMES:
+        answer = simulate(unit, programme.time, programme.command, programme.external_force)
+        recordings.append(programme.replace(measured={
+            name: getattr(answer, name) + noise * random.standard_normal(len(programme))
+            for name, noise in noises.items()}))
+    evidence = prepare(recordings, simulate_set(device, recordings), device)
+    residual = residuals(device, evidence)
+    rows = np.concatenate([np.arange(where.start, where.stop) for (_, channel), where in zip(
+        evidence.keys, spans(evidence)) if channel == 'displacement'])
+    return tuple(float(np.sqrt(np.mean(values[rows] ** 2)))
+                 for values in (residual, Apart(evidence)(residual)))
+
+
+@pytest.mark.parametrize('effect', ['creep', 'amplifier_gain', 'amplifier_saturation'])
+def test_what_is_wrong_before_the_charge_leaves_nothing_behind_it(effect):
+    gap, behind = taken({effect: EFFECTS[effect].typical()})
+    assert gap > 20.0
+    assert behind < 1.6  # noise, and what is lost between rows
+
+
+@pytest.mark.parametrize('effect', ['sensor_gain', 'sensor_lag', 'transducer_ratio'])
+def test_what_is_wrong_behind_the_charge_stays(effect):
+    gap, behind = taken({effect: EFFECTS[effect].typical()})
+    assert gap > 10.0
+    assert behind > 0.7 * gap
+
+
+def test_of_a_charge_that_is_hardly_known_nothing_is_taken_off():
+    gap, behind = taken({'creep': EFFECTS['creep'].typical()}, QUIET | {'charge': 1e-7})
+    assert behind == gap
+
+
+def cut(drive, electrical, behind):
+    """Return the cuts of one recording whose gaps are so many times the noise."""
+    return {name: (ratio * np.ones(100), 1.0) for name, ratio in (
+        ('drive', drive), ('electrical', electrical), ('behind', behind))}
+
+
+def test_the_driver_is_to_blame_where_the_measured_voltage_is_most_wrong():
+    assert is_driver_loudest([cut(13.0, 6.0, 1.0)])
+    assert is_driver_loudest([cut(1.0, 1.0, 1.0), cut(10.0, 1.0, 2.0)])
+    assert not is_driver_loudest([cut(3.0, 6.0, 1.0)])
+    assert not is_driver_loudest([cut(1.4, 1.0, 1.0)])  # the noise may be estimated so wrong
+    without = cut(9.0, 1.0, 1.0)
+    del without['drive']
+    assert not is_driver_loudest([without])  # nobody measured the voltage
