@@ -225,6 +225,29 @@ def test_a_time_constant_shows_in_recordings_that_outlast_it(time_constant, simp
     assert _simpler('contact', fit, evidence) == ''
 
 
+@pytest.mark.parametrize('removed, next_removed, word', [
+    (0.81, 0.11, 'CAUSE'),  # nothing else looks like it, though it has few independent rows
+    (0.81, 0.6, 'UNKNOWN'),  # another does, too
+    (0.70, 0.11, 'UNKNOWN')])  # it leaves too much
+def test_a_cause_that_nothing_looks_like_needs_few_rows(removed, next_removed, word):
+    rings = Ranked('mechanical_resonance', 9.0, removed, 4, 0.26, excess=0.35)
+    other = Ranked('thermal_drift', 2.0, next_removed, 2, 0.8, excess=2.0)
+    assert decide([rings, other], [], 0.14, 2.85, []).word == word
+
+
+@pytest.mark.parametrize('removed, excess, best_excess, word', [
+    (0.982, 0.29, 0.71, 'MULTIPLE'),
+    (0.982, 0.60, 0.71, 'CAUSE'),  # the loudest recording is as loud as it was
+    (0.990, 0.08, 0.23, 'CAUSE')])  # hardly anything was left: a form is no better
+def test_a_slow_second_effect_needs_few_rows_where_it_quietens_the_loudest(
+        removed, excess, best_excess, word):
+    singles = [Ranked('parallel_stiffness', 2874.0, 0.968, 2, 0.05, best_excess),
+               Ranked('amplifier_gain', 2690.0, 0.92, 1, 0.08, 2.5)]
+    pair = Ranked('parallel_stiffness+sensor_drift', 2886.0, removed, 3, 0.048, excess,
+                  second=28.5, part=0.43, over=33.6, form=48.4)
+    assert decide(singles, [pair], 0.55, 16.5, []).word == word
+
+
 @pytest.mark.parametrize('alone, together, word', [
     (0.60, 0.99, 'MULTIPLE'),  # hardly anything is left: no form misses so much
     (0.60, 0.85, 'CAUSE'),  # what the form of the first misses may be what the second fills in

@@ -24,7 +24,7 @@ NUDGE = 2e-3  # relative change of a nominal parameter from which its derivative
 WIDE = 1e-2  # and one that looks past the kinks of single break voltages
 PACE = 0.02  # change of the walk from which its derivative is taken
 ENOUGH = 1e-3  # relative fall of the cost below which a fit has arrived
-MISTAKEN = 1.0  # times what a step was to do that may be missed, to learn from it
+HARDLY = 1e-3  # change of the walk that is too little to learn from, if more was missed than told
 TRIALS = 3  # step lengths that are tried before a derivative counts as stale
 
 
@@ -183,7 +183,7 @@ def descend(landscape: Landscape, walk: np.ndarray, phi: np.ndarray, nominal: Sl
             told = effect @ change[:n]
             missed = new_residual - residual - told - nominal.whole @ change[n:]
             # Unless the walk hardly moved: that is what the nominal parameters did.
-            if missed @ missed < MISTAKEN ** 2 * (told @ told):
+            if np.abs(change[:n]).max() > HARDLY or missed @ missed < told @ told:
                 effect += np.outer(missed, change[:n] / (change[:n] @ change[:n]))
         progress = (cost - new_cost) / max(cost, 1.0)
         walk, phi, residual, cost = new_walk, new_phi, new_residual, new_cost

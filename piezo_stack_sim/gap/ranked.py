@@ -30,6 +30,7 @@ class Thresholds:
     believed: float = 0.4  # odds of a cause below which it is none
     trace: float = 0.05  # part removed up to which there is hardly anything
     most: float = 0.75  # part that another must remove to come before a best that is poor
+    lone: float = 0.33  # part of what the best removes up to which another looks nothing like it
     second: float = 40.0  # nats that a second effect must explain where it acts
     second_form: float = 0.03  # or, if more, this part of what the first explains
     finish_form: float = 0.01  # and this where the two leave hardly anything of what one leaves
@@ -50,11 +51,13 @@ class Thresholds:
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
     relative_part: float = 0.6  # and the part that a relative must explain
     halves: float = 0.45  # part of what one leaves that is less than half, however that is judged
+    heard: float = 0.5  # excess over the noise power from which a recording is loud at all
+    quiet_part: float = 0.4  # and the part that a second must explain that leaves the loudest so
     as_good: float = 0.85  # part of what one removes that a look-alike removes as well
     as_likely: float = 0.1  # probability, against the best pair, from which a pair ties with it
     alike_pair: float = 0.08  # part of what pairs explain by which the form may mislead
     shade: float = 0.5  # part of what a relative of the first leaves above which a pair is like it
-    leftover: float = 0.12  # excess over the noise power that sets out for a second effect
+    leftover: float = 0.25  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set
     alike: float = 3.0  # times what the best leaves that one who looks like it may leave

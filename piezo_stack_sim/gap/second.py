@@ -30,6 +30,8 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
     if (t.second < pair.over < math.inf and not are_relatives(best, pair, kin)
             and 1.0 - pair.removed < t.completes * (1.0 - best.removed)):
         return True
+    if _quietens(best, pair, t) and not are_relatives(best, pair, kin):
+        return True
     # What the form of the first misses is a part of what it explains, but leaves little.
     finishes = best.removed < t.alone and 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
     form = t.finish_form if finishes else t.second_form
@@ -42,6 +44,18 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
         return best.removed < t.alone and pair.part > (
             t.second_part if halves else t.relative_part)
     return pair.part > (t.finish_part if finishes else t.second_part)
+
+
+def _quietens(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether a second effect explains much of what is left, and of the recording left loudest.
+
+    A drift has hardly any rows that are independent, so that it needs no more nats: what fills
+    in the form of the first does neither.
+    """
+    return (best.excess > t.heard and pair.excess <= t.halves * best.excess
+            and pair.part > t.quiet_part
+            and 0.5 * t.second < min(pair.second, pair.over) < math.inf)
 
 
 def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,

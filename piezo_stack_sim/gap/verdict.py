@@ -55,12 +55,22 @@ def contenders(ranked: list[Ranked], t: Thresholds = DEFAULTS) -> list[Ranked]:
 
     All, unless the best by score leaves more than half of the gap and another removes most of
     it: then only who removes half.  A quiet effect in many rows scores more than a loud one in
-    few.
+    few.  Nor can another be it where the best removes most and no other a third of that: a ringing
+    of a few periods has few rows that are independent, but nothing else looks like it.
     """
+    if _is_alone(ranked, t):
+        return ranked[:1]
     able = [r for r in ranked if r.gain > t.detect and r.removed >= t.half]
     if ranked[0].removed >= t.half or all(r.removed < t.most for r in able):
         return ranked
     return able
+
+
+def _is_alone(ranked: list[Ranked], t: Thresholds) -> bool:
+    """Tell whether the best removes most of a gap, and no other anything like it."""
+    best = ranked[0]
+    return best.removed > t.most and best.gain > 0.0 and all(
+        r.removed < t.lone * best.removed for r in ranked[1:])
 
 
 def outscored(verdict: Verdict, singles: list[Ranked], t: Thresholds = DEFAULTS
@@ -216,6 +226,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
              and 1.0 - ceiling < t.flexible * (1.0 - best.removed))
     # A drift has hardly any rows that are independent, but may be all that is wrong.
     obvious = structure > t.excess and best.removed > t.clear_first and best.gain > 0.0
+    obvious |= structure > t.excess and len(singles) == 1
     weak = not clear and not obvious and (best.gain < t.detect + 2.0 * best.parameters
                                           or explained < t.explained)
     if structure < t.excess and not clear and (poor or weak) and ceiling < t.predicted:
