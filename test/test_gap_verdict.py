@@ -183,6 +183,11 @@ def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_c
     # One that leaves far less than the relative, all in all, is another matter.
     poor = replace(relative, left=0.08)
     assert decide(singles, [poor, other], 0.99, 50.0, [], kin=kin).word == 'MULTIPLE'
+    # So is one that leaves the loudest recording far quieter.
+    loud = replace(relative, excess=2.0)
+    for excess, word in ((0.3, 'MULTIPLE'), (1.5, 'CAUSE')):
+        quiet = replace(other, second=150.0, excess=excess)
+        assert decide(singles, [loud, quiet], 0.99, 50.0, [], kin=kin).word == word
 
 
 def test_a_relative_counts_where_one_leaves_more_than_twice_what_both_do():

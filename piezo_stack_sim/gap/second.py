@@ -161,7 +161,8 @@ def is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Threshol
     Tell whether a relative of the first explains more than the second of a pair, and is none.
 
     That one only fills in what the form of the first misses: so does this, unless together with
-    the first it leaves far less, all in all.  The same where another mends that form.
+    the first it leaves far less, all in all or of the recording left loudest.  The same where
+    another mends that form.
     """
     if pair.beside is not None:
         return any(other.beside is not None and other.second > pair.second
@@ -169,5 +170,5 @@ def is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Threshol
     return best.name in pair.name.split('+') and any(
         best.name in other.name.split('+') and are_relatives(best, other, kin)
         and other.second > pair.second and not counts(best, other, t, kin)
-        and pair.left > t.shade * other.left
+        and pair.left > t.shade * other.left and pair.excess >= t.halves * other.excess
         for other in pairs if other is not pair)
