@@ -112,7 +112,7 @@ def _simpler(name: str, fit: Fit, evidence: Evidence) -> str:
     names = name.split('+')
     for i, each in enumerate(names):
         late = EFFECTS[each].before_its_time
-        if late is not None and fit.effects[each][late[0]] > longest:
+        if late is not None and EFFECTS[each].values(fit.effects[each])[late[0]] > longest:
             others = [*names[:i], *names[i + 1:], late[1]]
             return '+'.join(sorted(others, key=list(EFFECTS).index))
     return ''
