@@ -228,6 +228,9 @@ def test_a_time_constant_shows_in_recordings_that_outlast_it(time_constant, simp
                                        for each in (0.3, 30.0)])
     assert _simpler('contact+thermal_drift', fit, evidence) == simpler
     assert _simpler('contact', fit, evidence) == ''
+    # A number that was not given is at its default: five minutes.
+    fit.effects['thermal_drift'] = {}
+    assert _simpler('thermal_drift', fit, evidence) == 'sensor_drift'
 
 
 @pytest.mark.parametrize('removed, next_removed, word', [
