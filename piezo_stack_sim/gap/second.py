@@ -77,10 +77,11 @@ def well_formed(best: Ranked, pair: Ranked, t: Thresholds,
     Tell whether two explain what one could only by an error of form that hardly any form has.
 
     As :mod:`piezo_stack_sim.gap.form` judges it.  What a relative of the first does is an error
-    of its form.
+    of its form, and what leaves more of the gap only bends to that.
     """
     return (best.name in pair.name.split('+') and t.formed < pair.form < math.inf
-            and pair.wrong < t.misformed and not are_relatives(best, pair, kin))
+            and pair.wrong < t.misformed and not are_relatives(best, pair, kin)
+            and _loses_little(best, pair, t))
 
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
