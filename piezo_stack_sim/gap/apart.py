@@ -50,24 +50,30 @@ def moved_by_charge(device: Device, charge: np.ndarray, period: float) -> np.nda
         Displacement (m).
 
     """
+    b, a = _path(device, period)
+    return signal.lfilter(b, a, charge, axis=0)
+
+
+def _path(device: Device, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the path from charge to displacement as a filter of rows, (3,) and (3,)."""
     actuator, load = device.actuator, device.load
     ratio, cap = actuator.transformer_ratio, actuator.linear_capacitance
     mass, damping = actuator.mass + load.mass, actuator.damping + load.damping
     stiffness = actuator.stiffness + load.stiffness + ratio ** 2 / cap
     b, a, _ = signal.cont2discrete(
         ([ratio / cap / mass], [1.0, damping / mass, stiffness / mass]), period, 'bilinear')
-    return signal.lfilter(np.ravel(b), np.ravel(a), charge, axis=0)
+    return np.ravel(b), np.ravel(a)
 
 
 @dataclass(frozen=True)
-class _Follows:
-    """A track with both: where they lie in a residual, and the noise of each (C, m)."""
+class _Both:
+    """A track with both: where they lie in a residual, the noise of each (C, m), the path."""
 
     charge: slice
     displacement: slice
-    period: float
-    per_charge: float
-    per_displacement: float
+    charge_noise: float
+    displacement_noise: float
+    path: tuple[np.ndarray, np.ndarray]
 
 
 class Apart:
@@ -85,27 +91,28 @@ class Apart:
     """
 
     def __init__(self, evidence: Evidence) -> None:
-        self.device = evidence.device
+        self.tracks: list[_Both] = []
+        if evidence.device is None:
+            return
+        self.gain = gain_per_charge(evidence.device)
         where = dict(zip(evidence.keys, spans(evidence)))
-        self.tracks = [] if self.device is None else [
-            _Follows(where[i, 'charge'], where[i, 'displacement'],
-                     track.recording.period * track.factor,
-                     track.sigma['charge'], track.sigma['displacement'])
-            for i, track in enumerate(evidence.tracks)
-            if {'charge', 'displacement'} <= set(track.measured)
-            and gain_per_charge(self.device) * track.sigma['charge']
-            < QUIET * track.sigma['displacement']]
+        for i, track in enumerate(evidence.tracks):
+            if not {'charge', 'displacement'} <= set(track.measured):
+                continue
+            charge, displacement = track.sigma['charge'], track.sigma['displacement']
+            if self.gain * charge < QUIET * displacement:
+                path = _path(evidence.device, track.recording.period * track.factor)
+                self.tracks.append(_Both(where[i, 'charge'], where[i, 'displacement'],
+                                         charge, displacement, path))
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Return weighted residuals or changes of them, (N,) or (N, k), taken apart."""
-        if self.device is None or not self.tracks:
+        if not self.tracks:
             return values
         result = np.array(values, dtype=float)
-        gain = gain_per_charge(self.device)
-        for track in self.tracks:
-            moved = moved_by_charge(
-                self.device, track.per_charge * result[track.charge], track.period)
-            result[track.displacement] = (
-                track.per_displacement * result[track.displacement] - moved
-            ) / math.hypot(track.per_displacement, gain * track.per_charge)
+        for both in self.tracks:
+            moved = signal.lfilter(*both.path, both.charge_noise * result[both.charge], axis=0)
+            noise = math.hypot(both.displacement_noise, self.gain * both.charge_noise)
+            result[both.displacement] = (
+                both.displacement_noise * result[both.displacement] - moved) / noise
         return result

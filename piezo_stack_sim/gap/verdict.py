@@ -213,6 +213,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                  key=lambda pair: pair.form, default=None)
     if formed is not None and whole(formed) and well_formed(best, formed, t, kin):
         return two(formed, _why_formed(best, formed))
+    alone = _is_alone(singles, t)
     singles = contenders(singles, t)
     chance = probabilities(singles, t, classes)
     best = singles[0]
@@ -225,8 +226,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     poor |= (structure > t.excess and best.removed < t.clear_first and not hidden
              and 1.0 - ceiling < t.flexible * (1.0 - best.removed))
     # A drift has hardly any rows that are independent, but may be all that is wrong.
-    obvious = structure > t.excess and best.removed > t.clear_first and best.gain > 0.0
-    obvious |= structure > t.excess and len(singles) == 1
+    obvious = structure > t.excess and best.gain > 0.0 and (
+        alone or best.removed > t.clear_first)
     weak = not clear and not obvious and (best.gain < t.detect + 2.0 * best.parameters
                                           or explained < t.explained)
     if structure < t.excess and not clear and (poor or weak) and ceiling < t.predicted:

@@ -12,7 +12,7 @@ So one block's error does not leak into the next.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 import math
 
 import numpy as np
@@ -26,6 +26,7 @@ from piezo_stack_sim.plant import Device
 
 BEHIND_CHARGE = ('transducer', 'mechanical', 'environment', 'sensor')
 BANDS = (0.0, 1.0, 10.0, 100.0, 1000.0, math.inf)
+CUTS = {name: name for name in ('drive', 'electrical', 'behind')}  # and how they are named
 LOUD = 1.15  # rms over noise from which a block counts as wrong
 CLEARLY = 2.0  # and from which nobody doubts it
 
@@ -135,22 +136,20 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
     begins = {'drive': 'command', 'electrical': 'voltage', 'behind': next(
         (port for port in ('charge', 'voltage') if port in channels), 'command')}
     ends = {'drive': 'voltage', 'electrical': 'charge', 'behind': 'displacement'}
+    named = {**CUTS, 'behind': last or 'mechanical'}
     ports: dict[str, tuple[str, str]] = {}
     power: dict[str, float] = {}
-    loud: dict[str, list[float]] = {}
     for cut in cuts:
-        for name in (name for name in begins if name in cut):
+        for name in (name for name in CUTS if name in cut):
             wrong, noise = cut[name]
-            block = name if name != 'behind' else (last or 'mechanical')
+            block = named[name]
             ports[block] = begins[name], ends[name]
             square = float(np.mean(wrong ** 2))
             power[block] = power.get(block, 0.0) + max(square - (LOUD * noise) ** 2, 0.0)
-            loud.setdefault(block, []).append(math.sqrt(square) / max(noise, 1e-30))
     fractions = _fractions(power)
     blocks = {}
-    for block, ratios in loud.items():
-        ratio = float(np.sqrt(np.mean(np.square(ratios))))
-        half = 1.96 * ratio * math.sqrt(1.0 / (2.0 * 50.0 * len(ratios)))
+    for block, (ratio, count) in _over_noise(cuts, named).items():
+        half = 1.96 * ratio * math.sqrt(1.0 / (2.0 * 50.0 * count))
         blocks[block] = {'over_noise': ratio, 'ci': [max(ratio - half, 0.0), ratio + half],
                          'from': [ports[block][0]], 'to': ports[block][1]}
     return fractions, blocks
@@ -163,14 +162,23 @@ def is_driver_loudest(cuts: Sequence[dict]) -> bool:
     All else is driven by the measured voltage: what is wrong with it is the driver's, whatever
     that does to what follows.
     """
+    ratios = {name: ratio for name, (ratio, _) in _over_noise(cuts, CUTS).items()}
+    return ratios.get('drive', 0.0) > CLEARLY and max(ratios, key=ratios.__getitem__) == 'drive'
+
+
+def _over_noise(cuts: Sequence[dict], named: Mapping[str, str]) -> dict[str, tuple[float, int]]:
+    """
+    Return the gap of every cut over its noise, rms over the recordings, and their number.
+
+    By what each is ``named``: a cut may be named like another.
+    """
     loud: dict[str, list[float]] = {}
     for cut in cuts:
-        for name in ('drive', 'electrical', 'behind'):
-            if name in cut:
-                wrong, noise = cut[name]
-                loud.setdefault(name, []).append(float(np.mean(wrong ** 2)) / noise ** 2)
-    ratios = {name: math.sqrt(np.mean(squares)) for name, squares in loud.items()}
-    return ratios.get('drive', 0.0) > CLEARLY and max(ratios, key=ratios.__getitem__) == 'drive'
+        for name in (name for name in CUTS if name in cut):
+            wrong, noise = cut[name]
+            square = float(np.mean(wrong ** 2))
+            loud.setdefault(named[name], []).append(square / max(noise, 1e-30) ** 2)
+    return {name: (math.sqrt(np.mean(squares)), len(squares)) for name, squares in loud.items()}
 
 
 def by_record(evidence: Evidence, residual: np.ndarray) -> tuple[dict, dict]:
