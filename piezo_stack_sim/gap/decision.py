@@ -24,7 +24,7 @@ from piezo_stack_sim.gap.pairs import (
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.second import (
-    rivals_beside_mended, rivals_of, second_explains, stands_clear, well_formed)
+    is_beyond_form, rivals_beside_mended, rivals_of, second_explains, stands_clear)
 from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
@@ -276,7 +276,7 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         def corrected(pair):
             if best.name in pair.name.split('+') and (
                     second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
-                    or well_formed(best, pair, thresholds, alike.kin)
+                    or is_beyond_form(best, pair, thresholds, alike.kin)
                     or stands_clear(best, pair, thresholds, alike.kin)):
                 return _by_all_rows(fitter, search, judge, removable, pair, best.name)
             return pair

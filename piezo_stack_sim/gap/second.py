@@ -71,17 +71,26 @@ def stands_clear(best: Ranked, pair: Ranked, t: Thresholds,
             and pair.over > 0.5 * t.second and not are_relatives(best, pair, kin))
 
 
-def well_formed(best: Ranked, pair: Ranked, t: Thresholds,
-                kin: Collection[frozenset[str]]) -> bool:
+def is_beyond_form(best: Ranked, pair: Ranked, t: Thresholds,
+                   kin: Collection[frozenset[str]]) -> bool:
     """
     Tell whether two explain what one could only by an error of form that hardly any form has.
 
     As :mod:`piezo_stack_sim.gap.form` judges it.  What a relative of the first does is an error
-    of its form, and what leaves more of the gap only bends to that.
+    of its form.
     """
     return (best.name in pair.name.split('+') and t.formed < pair.form < math.inf
-            and pair.wrong < t.misformed and not are_relatives(best, pair, kin)
-            and _loses_little(best, pair, t))
+            and pair.wrong < t.misformed and not are_relatives(best, pair, kin))
+
+
+def well_formed(best: Ranked, pair: Ranked, t: Thresholds,
+                kin: Collection[frozenset[str]]) -> bool:
+    """
+    Tell whether two count for their form, once they are fitted as they correct the device best.
+
+    Two that leave more of the gap then only bend to an error of the first's form.
+    """
+    return is_beyond_form(best, pair, t, kin) and _loses_little(best, pair, t)
 
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
