@@ -122,6 +122,21 @@ def test_a_current_limit_that_is_never_met_is_drawn_again(short, tmp_path, monke
     assert label['effects'][0]['parameters']['limit'] == 0.006
 
 
+def test_an_effect_that_the_other_of_a_pair_hides_is_drawn_again(short, tmp_path, monkeypatch):
+    """A driver at its rail never brings the stack to a stop that stands further out."""
+    rails = iter([40.0, 80.0])
+    contact, saturation = (case.EFFECTS[key] for key in ('contact', 'amplifier_saturation'))
+    monkeypatch.setitem(case.EFFECTS, saturation.key, replace(saturation, ranges={
+        'rail': lambda random, context: next(rails), 'knee': lambda random, context: 0.5}))
+    monkeypatch.setitem(case.EFFECTS, contact.key, replace(contact, ranges={
+        'gap': lambda random, context: 0.7 * context.stroke,
+        'force': lambda random, context: 50.0}))
+    out = batch(tmp_path, hidden=[('two', (contact.key, saturation.key))])
+    label = labels.reveal(out)['sets']['set_000']
+    assert label['attempts'] == 2
+    assert max(label['effects'][0]['over_noise_beside'].values()) > 1.0
+
+
 def test_another_batch_in_the_same_folder_is_refused(tmp_path):
     """Two seeds never mix."""
     out = tmp_path / 'public'

@@ -19,7 +19,8 @@ KINDS = {'none': 0.12, 'one': 0.60, 'two': 0.18, 'absent': 0.10}
 #: What the parameter file says of its own numbers.
 UNCERTAINTY = 0.02
 #: An effect must reach this multiple of the noise in some recording, after the nominal parameters
-#: have taken what they may, or its magnitude is drawn again.
+#: have taken what they may, by itself and beside the other of a pair, or its magnitude is drawn
+#: again.
 VISIBLE = {'one': 0.5, 'two': 1.0, 'absent': 0.7}
 TRIES = 12
 NOMINALS = ('m', 'k', 'b', 'C', 'T')

@@ -48,8 +48,13 @@ def candidates(answer):
 
 
 def sizes(label):
-    """Return how large each hidden effect is over the noise, after calibration, ascending."""
-    return sorted(max(effect['over_noise_calibrated'].values()) for effect in label['effects'])
+    """
+    Return how large each hidden effect is over the noise, after calibration, ascending.
+
+    Each of two by what it adds to the other, where the label tells that.
+    """
+    return sorted(max(effect.get('over_noise_beside', effect['over_noise_calibrated']).values())
+                  for effect in label['effects'])
 
 
 def magnitude(label):

@@ -137,14 +137,18 @@ def make_set(out, index, seed, kind, ids):
         alone = {key: true if len(ids) == 1 else case.responses(
             case.hide(setting.clean, [(key, values)]), recordings) for key, values in hidden}
 
-        def visible(key, against):
-            return case.visibility(setting, case.difference(setting, alone[key], against), moved)
+        def visible(some, against):
+            return case.visibility(setting, case.difference(setting, some, against), moved)
 
-        seen = {key: visible(key, clean) for key in ids}
-        named = seen | {key: visible(key, case.responses(case.hide(
+        seen = {key: visible(alone[key], clean) for key in ids}
+        named = seen | {key: visible(alone[key], case.responses(case.hide(
             setting.clean, [(key, values | case.EFFECTS[key].without)]), recordings))
             for key, values in hidden if case.EFFECTS[key].without}
-        if all(max(levels.values()) >= case.VISIBLE[kind] for levels in named.values()):
+        # A driver at its rail keeps the stack from whatever stands further out.
+        beside = {key: visible(true, alone[other])
+                  for key, other in zip(ids, reversed(ids)) if key != other}
+        if all(max(levels.values()) >= case.VISIBLE[kind]
+               for levels in (*named.values(), *beside.values())):
             break
     measured = [with_noise(setting, programme, channels, random)
                 for programme, channels in zip(recordings, true)]
@@ -154,7 +158,7 @@ def make_set(out, index, seed, kind, ids):
     write_text(out / 'devices' / f'{name}.yaml', parameter_file(name, setting.file))
     truth = labels.truth_folder(out)
     digest = write_truth(truth / f'{name}.npz', setting, recordings, true, clean, file)
-    label = describe(setting, kind, hidden, recordings, true, clean, file, alone, seen)
+    label = describe(setting, kind, hidden, recordings, true, clean, file, alone, seen, beside)
     label['truth_sha256'] = digest
     label['attempts'] = attempt + 1
     write_text(truth / f'{name}.json', json.dumps(label))
@@ -212,7 +216,7 @@ def write_truth(path, setting, recordings, true, clean, file):
     return digest.hexdigest()
 
 
-def describe(setting, kind, hidden, recordings, true, clean, file, alone, seen):
+def describe(setting, kind, hidden, recordings, true, clean, file, alone, seen, beside):
     """Return the label of a set: what was hidden, how large it is, what the unit is."""
     names = [programme.name for programme in recordings]
 
@@ -225,15 +229,20 @@ def describe(setting, kind, hidden, recordings, true, clean, file, alone, seen):
     for key, parameters in hidden:
         effect = case.EFFECTS[key]
         over = case.difference(setting, alone[key], clean)
+
+        def loudest(levels):
+            return {channel: max(level for (_, c), level in levels.items() if c == channel)
+                    for channel in setting.channels}
+
         effects.append({
             'id': key, 'block': effect.block, 'form': effect.form, 'parameters': parameters,
             'in_library': key in case.KNOWN, 'lookalikes': list(effect.lookalikes),
             'over_noise': {channel: max(float(np.sqrt(np.mean(e ** 2)))
                                         for _, c, e in over if c == channel)
                            for channel in setting.channels},
-            'over_noise_calibrated': {
-                channel: max(level for (_, c), level in seen[key].items() if c == channel)
-                for channel in setting.channels},
+            'over_noise_calibrated': loudest(seen[key]),
+            # What it adds to the other effect of a pair.
+            **({'over_noise_beside': loudest(beside[key])} if key in beside else {}),
             # Mean squares (SI): left over when exactly this one effect is modelled.
             'left_if_alone': power(true, alone[key]),
         })
