@@ -14,7 +14,7 @@ from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.gap.terminals import Part, Terminals
 from piezo_stack_sim.gap.verdict import Cut, decide
-from piezo_stack_sim.gap.voltage import above_noise, MeasuredVoltage
+from piezo_stack_sim.gap.voltage import above_noise, FINE, MeasuredVoltage
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet
@@ -87,9 +87,9 @@ def test_the_voltage_between_rows_may_come_later():
     track, = prepare([recording], simulate_set(Device.nominal(), [recording])).tracks
     voltage = MeasuredVoltage.of(track, Device.nominal())
     soon = voltage.otherwise(0.0)
-    late = voltage.otherwise(soon.time[1] - soon.time[0])
-    np.testing.assert_allclose(late.command[1:], soon.command[:-1], atol=1e-9)
-    assert np.ptp(soon.command) > 10.0
+    late = voltage.otherwise(recording.period / FINE)
+    np.testing.assert_allclose(late[1:], soon[:-1], atol=1e-9)
+    assert np.ptp(soon) > 10.0
 
 
 def test_an_effect_behind_a_driver_of_another_form_is_found():

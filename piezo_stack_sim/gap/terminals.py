@@ -22,13 +22,13 @@ from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.decision import decide_search, Decision, judge_of
 from piezo_stack_sim.gap.evidence import Evidence, prepare, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
-from piezo_stack_sim.gap.forward import simulate_channels, simulate_set, spans
+from piezo_stack_sim.gap.forward import simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.pairs import add_pair, pair_of
 from piezo_stack_sim.gap.ranked import Thresholds
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.verdict import Cut, probabilities
-from piezo_stack_sim.gap.voltage import FINE, MeasuredVoltage
+from piezo_stack_sim.gap.voltage import MeasuredVoltage
 from piezo_stack_sim.plant import Device
 
 DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive')
@@ -232,17 +232,25 @@ def _cut(evidence: Evidence, driver: Device, ideal: Device) -> Evidence:
     recordings = [track.recording if voltage is None else voltage.as_command()
                   for track, voltage in zip(kept, voltages)]
     simulated = simulate_set(ideal, recordings)
-    new = prepare(recordings, simulated, ideal)
+    answers = parallel(lambda voltage: voltage and voltage.answer_of(ideal), voltages)
+
+    def evened(job):
+        recording, steps, answer = job
+        # What steps as long as a row make of it was not measured: every fit is spared it.
+        return recording if answer is None else recording.replace(measured={
+            channel: values - answer[channel] + steps[channel]
+            for channel, values in recording.measured.items()})
+
+    new = prepare([evened(job) for job in zip(recordings, simulated, answers)], simulated, ideal)
 
     def weighed(job):
         track, voltage, answer = job
         if voltage is None:
             return track
         # What may be wrong between the rows counts as noise.
-        fine = simulate_channels(ideal, voltage.otherwise(late))
+        strayed = voltage.strayed(ideal, answer, late)
         return replace(track, sigma={
-            channel: math.hypot(sigma, float(np.std(track.average(
-                fine[channel][::FINE] - answer[channel]))))
+            channel: math.hypot(sigma, float(np.std(track.average(strayed[channel]))))
             for channel, sigma in track.sigma.items()})
 
-    return replace(new, tracks=tuple(parallel(weighed, zip(new.tracks, voltages, simulated))))
+    return replace(new, tracks=tuple(parallel(weighed, zip(new.tracks, voltages, answers))))

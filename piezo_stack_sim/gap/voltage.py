@@ -6,15 +6,20 @@ The voltage at the terminals as a command to what lies behind them.
 Its sensor is noisy, and hysteresis remembers every peak of a noise; and between
 two rows it was not measured.  It is taken for what a driver makes of the
 command, plus what stands above the noise of the difference at the rows.
+
+What is driven by it in steps of a row is late by half of one, and swings after
+every step: in fits that is taken off once, as steps of a small part of a row tell it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
 import numpy as np
 from piezo_stack_sim.gap.evidence import Track
+from piezo_stack_sim.gap.forward import simulate_channels
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.recording import Recording
 from scipy.ndimage import convolve1d
@@ -22,7 +27,7 @@ from scipy.ndimage import convolve1d
 STANDS_OUT = 4.0  # standard deviations of a wavelet coefficient from which it is no noise
 COARSEST = 16  # rows of the coarsest wavelet, of all rows at least this part
 SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-FINE = 4  # parts of a row in which the voltage between rows is filled in, to see what it matters
+FINE = 8  # parts of a row in which the voltage between rows is filled in
 PARTS = 2 * FINE  # and in which the driver is simulated
 
 
@@ -70,22 +75,43 @@ class MeasuredVoltage:
 
     def as_command(self) -> Recording:
         """Return the recording driven by its voltage, in the middle between a row and the next."""
-        between = self.driven + np.interp(self.fine, np.arange(len(self.recording)), self.missed)
+        between = self._between()
         measured = {c: v for c, v in self.recording.measured.items() if c != 'voltage'}
         return self.recording.replace(command=np.append(between[FINE::PARTS], between[-1]),
                                       measured=measured)
 
-    def otherwise(self, late: float) -> Recording:
-        """Return ``FINE`` rows for one as they may have been, too: in steps, and ``late`` (s)."""
+    def _between(self) -> np.ndarray:
+        return self.driven + np.interp(self.fine, np.arange(len(self.recording)), self.missed)
+
+    def answer_of(self, device: Device) -> dict[str, np.ndarray]:
+        """Return what a device does that this voltage drives, channel to (n,), SI units."""
+        between = self._between()
+        return self._rows(device, np.append(between[1::2], between[-1]))
+
+    def _rows(self, device: Device, command: np.ndarray) -> dict[str, np.ndarray]:
+        """Return what a device does at the rows, (n,), by a command in ``FINE`` parts of each."""
+        held = self.fine[::2].astype(int)
+        time = np.interp(self.fine[::2], np.arange(len(self.recording)), self.recording.time)
+        answer = simulate_channels(device, Recording(
+            self.recording.name, time, 'voltage', command, self.recording.external_force[held]))
+        return {channel: values[::FINE] for channel, values in answer.items()}
+
+    def otherwise(self, late: float) -> np.ndarray:
+        """Return it in ``FINE`` parts of a row as it may have been, too: in steps, ``late`` (s)."""
         held = self.fine.astype(int)
         rows = np.arange(len(self.recording))
         steps = self.driven + self.missed[np.minimum(held + 1, rows[-1])]
-        time = np.interp(self.fine, rows, self.recording.time)
         command = np.append(steps[1::2], steps[-1])
-        return Recording(
-            self.recording.name, time[::2], 'voltage',
-            np.interp(time[::2] - late, time[::2], command) if late > 0.0 else command,
-            self.recording.external_force[held[::2]])
+        if late <= 0.0:
+            return command
+        time = np.interp(self.fine[::2], rows, self.recording.time)
+        return np.interp(time - late, time, command)
+
+    def strayed(self, device: Device, answer: Mapping[str, np.ndarray], late: float
+                ) -> dict[str, np.ndarray]:
+        """Return how far its answer may be off, (n,): for what is not known between the rows."""
+        other = self._rows(device, self.otherwise(late))
+        return {channel: other[channel] - values for channel, values in answer.items()}
 
 
 def above_noise(values: np.ndarray, noise: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.apart import gain_per_charge, moved_by_charge
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.gap.forward import simulate_channels, spans
+from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.voltage import MeasuredVoltage
 from piezo_stack_sim.plant import Device
 
@@ -70,7 +70,7 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
             if behind is not None or np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
                 # The electrical block is to be driven by what really was at its terminals.
                 ideal = (behind or device).replace(effects={})
-                answer = simulate_channels(ideal, MeasuredVoltage.of(track, device).as_command())
+                answer = MeasuredVoltage.of(track, device).answer_of(ideal)
         if has('charge'):
             wrong = track.unbiased('charge', track.measured['charge']
                                    - track.average(answer['charge']))
