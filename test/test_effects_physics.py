@@ -298,6 +298,23 @@ def test_added_mass_lowers_the_natural_frequency():
     assert ringing(device('added_mass', mass=0.05)) == pytest.approx(expected, rel=0.02)
 
 
+def test_a_payload_on_a_joint_swings_as_two_masses_on_springs_do():
+    m, mass, stiffness = 0.00375, 0.05, 89.3333e6
+    joint = m * mass / (m + mass) * (2.0 * math.pi * 2e4) ** 2
+    slow, _ = np.linalg.eigvalsh(np.array([
+        [(stiffness + joint) / m, -joint / math.sqrt(m * mass)],
+        [-joint / math.sqrt(m * mass), joint / mass]]))  # stiffness over masses, symmetrical
+    swinging = ringing(device('added_mass', mass=mass, joint_frequency=2e4))
+    assert swinging == pytest.approx(math.sqrt(slow) / (2.0 * math.pi), rel=0.01)
+    assert swinging < 0.85 * ringing(device('added_mass', mass=mass))
+
+
+def test_a_payload_on_a_stiff_joint_is_a_rigid_one():
+    held, rigid = (ringing(device('added_mass', mass=0.05, joint_frequency=frequency))
+                   for frequency in (1.9e5, math.inf))
+    assert held == pytest.approx(rigid, rel=0.01)
+
+
 def test_a_series_compliance_softens_against_forces_and_keeps_the_free_stroke():
     soft = device('series_compliance', compliance=5e-9, stiffening=0.0)
     assert stroke(soft) == pytest.approx(stroke(IDEAL), rel=1e-6)

@@ -45,8 +45,8 @@ def clocked(every):
     return driver
 
 
-def a_set(device, driver):
-    """Return recordings with white noise of a device behind a driver of any form."""
+def a_set(device, driver, noise=1.0):
+    """Return recordings with (so much) white noise of a device behind a driver of any form."""
     random, recordings = np.random.default_rng(11), []
     for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine(),
                       programmes.steps(hold=2.0)):
@@ -57,7 +57,7 @@ def a_set(device, driver):
         answer = simulate(device, time, voltage, drive='voltage')
         measured = {name: getattr(answer, name)[::FINER] for name in NOISE}
         recordings.append(programme.replace(measured={
-            name: values + NOISE[name] * random.standard_normal(rows.size)
+            name: values + noise * NOISE[name] * random.standard_normal(rows.size)
             for name, values in measured.items()}))
     return RecordingSet('bench', tuple(recordings))
 
@@ -90,6 +90,19 @@ def test_the_voltage_between_rows_may_come_later():
     late = voltage.otherwise(recording.period / FINE)
     np.testing.assert_allclose(late[1:], soon[:-1], atol=1e-9)
     assert np.ptp(soon) > 10.0
+
+
+@pytest.mark.parametrize('channel', ['charge', 'displacement'])
+def test_what_follows_the_measured_voltage_is_not_late(channel):
+    """Steps as long as a row are: by half of it, and the stack swings after each."""
+    device = Device.nominal()
+    recording = a_set(device, slow, noise=0.01).recordings[0]
+    truth = a_set(device, slow, noise=0.0).recordings[0].measured[channel]
+    track, = prepare([recording], simulate_set(device, [recording])).tracks
+    voltage = MeasuredVoltage.of(track, device.with_effects(
+        {'amplifier_bandwidth': {'time_constant': 2e-3}}))
+    late = simulate_set(device, [voltage.as_command()])[0][channel] - truth
+    assert np.std(voltage.answer_of(device)[channel] - truth) < 0.3 * np.std(late)
 
 
 def test_an_effect_behind_a_driver_of_another_form_is_found():

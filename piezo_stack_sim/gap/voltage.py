@@ -89,7 +89,7 @@ class MeasuredVoltage:
         return self._rows(device, np.append(between[1::2], between[-1]))
 
     def _rows(self, device: Device, command: np.ndarray) -> dict[str, np.ndarray]:
-        """Return what a device does at the rows, (n,), by a command in ``FINE`` parts of each."""
+        """Return what a device does at the rows, (n,), by commands to ``FINE`` parts of them."""
         held = self.fine[::2].astype(int)
         time = np.interp(self.fine[::2], np.arange(len(self.recording)), self.recording.time)
         answer = simulate_channels(device, Recording(
@@ -97,7 +97,7 @@ class MeasuredVoltage:
         return {channel: values[::FINE] for channel, values in answer.items()}
 
     def otherwise(self, late: float) -> np.ndarray:
-        """Return it in ``FINE`` parts of a row as it may have been, too: in steps, ``late`` (s)."""
+        """Return it in ``FINE`` parts of a row as it may be, too: in steps, and ``late`` (s)."""
         held = self.fine.astype(int)
         rows = np.arange(len(self.recording))
         steps = self.driven + self.missed[np.minimum(held + 1, rows[-1])]
