@@ -17,7 +17,7 @@ from piezo_stack_sim.gap.verdict import Cut, decide
 from piezo_stack_sim.gap.voltage import above_noise, FINE, MeasuredVoltage
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
-from piezo_stack_sim.recording.recording import RecordingSet
+from piezo_stack_sim.recording.recording import Recording, RecordingSet
 import pytest
 from scipy.signal import butter, lfilter
 
@@ -103,6 +103,24 @@ def test_what_follows_the_measured_voltage_is_not_late(channel):
         {'amplifier_bandwidth': {'time_constant': 2e-3}}))
     late = simulate_set(device, [voltage.as_command()])[0][channel] - truth
     assert np.std(voltage.answer_of(device)[channel] - truth) < 0.3 * np.std(late)
+
+
+def test_a_jump_is_as_steep_as_the_driver_makes_it():
+    """Else the stack swings further than it did, and its hysteresis remembers that."""
+    device = Device.nominal()
+    quick = device.with_effects({'amplifier_bandwidth': {'time_constant': 1.5e-5}})
+    time = 2e-3 * np.arange(600)
+    command = np.interp(time, [0.1, 0.2, 0.6, 0.7], [0.0, 60.0, 60.0, 20.0])
+    truth = simulate(quick, time, command, drive='voltage')
+    recording = Recording('steps', time, 'voltage', command, measured={
+        'voltage': truth.voltage, 'charge': truth.charge})
+    track, = prepare([recording], simulate_set(quick, [recording])).tracks
+    driven = MeasuredVoltage.of(track, quick).as_command()
+    as_steep, = simulate_set(device, [driven])
+    at_once = simulate(device, time, driven.command, drive='voltage')
+    error = np.std(as_steep['charge'] - truth.charge)
+    assert error < 0.2 * np.std(at_once.charge - truth.charge)
+    assert error < NOISE['charge']
 
 
 def test_an_effect_behind_a_driver_of_another_form_is_found():

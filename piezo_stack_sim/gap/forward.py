@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,12 +15,28 @@ from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.recording import Recording
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Refined(Recording):
+    """
+    A recording that is simulated in parts of its rows.
+
+    ``parts`` holds time, command and force of these, ``kept`` (n,) which of them begin a row.
+    """
+
+    parts: Recording | None = None
+    kept: np.ndarray | None = None
+
+
 def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndarray]:
     """Return voltage (V), charge (C) and displacement (m) of a device on a recording, (n,)."""
-    response = simulate(device, recording.time, recording.command, recording.external_force,
-                        recording.drive)
-    return {'voltage': response.voltage, 'charge': response.charge,
-            'displacement': response.displacement}
+    parts = recording.parts if isinstance(recording, Refined) else None
+    given = recording if parts is None else parts
+    response = simulate(device, given.time, given.command, given.external_force, given.drive)
+    answer = {'voltage': response.voltage, 'charge': response.charge,
+              'displacement': response.displacement}
+    if isinstance(recording, Refined) and recording.kept is not None:
+        return {channel: values[recording.kept] for channel, values in answer.items()}
+    return answer
 
 
 def simulate_set(device: Device, recordings) -> list[dict[str, np.ndarray]]:
