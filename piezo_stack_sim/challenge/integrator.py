@@ -51,13 +51,20 @@ def amplify(p, state, source, h):
 @njit(cache=True)
 def pull_of_body(p, state, x):
     """Return the force of the payload on the moving end, less what its damper takes."""
-    return p.body_stiffness * (state[BODY] - x) + p.body_damping * state[BODY_SPEED]
+    return held_by_joint(p, state[BODY] - x) + p.body_damping * state[BODY_SPEED]
+
+
+@njit(cache=True)
+def held_by_joint(p, stretch):
+    """Return the force of the payload's joint: part of what holds it slips when stretched."""
+    slips = p.body_slips / (1.0 + abs(stretch) / p.body_slip)
+    return p.body_stiffness * stretch * (1.0 - p.body_slips + slips)
 
 
 @njit(cache=True)
 def move_body(p, state, h):
     """Advance the payload by one semi-implicit step."""
-    push = (p.body_stiffness * (state[X] - state[BODY])
+    push = (held_by_joint(p, state[X] - state[BODY])
             + p.body_damping * (state[SPEED] - state[BODY_SPEED]))
     state[BODY_SPEED] += h * push / p.body_mass
     state[BODY] += h * state[BODY_SPEED]

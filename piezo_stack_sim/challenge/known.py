@@ -131,7 +131,7 @@ def transducer_ratio(unit, error, inequality):
 
 # -- mechanical ------------------------------------------------------------------------------
 
-@register(KNOWN, 'mechanical', 'a payload on a stiff, lightly damped joint', BOTH,
+@register(KNOWN, 'mechanical', 'a payload on a lightly damped joint that slips a little', BOTH,
           mass=log(5e-4, 0.1), joint_frequency=uniform(4.5e4, 6.5e4))
 def added_mass(unit, mass, joint_frequency):
     reduced = mass * unit.stack.m / (mass + unit.stack.m)

@@ -94,3 +94,5 @@ class Stack(NamedTuple):
     body_mass: float = 0.0  # kg
     body_stiffness: float = 0.0  # N/m
     body_damping: float = 0.0  # N s/m
+    body_slips: float = 0.75  # part of the stiffness that slips when stretched
+    body_slip: float = 1e-8  # m; so far stretched half of that is gone

@@ -30,7 +30,7 @@ SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 FINE = 8  # parts of a row in which the voltage between rows is filled in
 QUICK, SETTLED = 8e-6, 250e-6  # s; parts after a jump, as quick as stacks swing, and until when
 JUMP = 0.005  # part of the way of a recording that is a jump from one row to the next
-MOST = 800  # jumps of a recording up to which each is looked at so closely
+MOST = 12000  # such parts of a recording, or none: every fit has to simulate them
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ class MeasuredVoltage:
         rows = np.arange(len(recording))
         jumps = np.flatnonzero(np.abs(np.diff(recording.command, prepend=0.0)[:-1])
                                > JUMP * np.ptp(recording.command))
-        if jumps.size > MOST:
+        soon = _soon(recording.period)
+        if jumps.size * soon.size > MOST:
             jumps = jumps[:0]
-        edges = np.union1d(np.arange(rows[-1] * FINE + 1) / FINE,
-                           np.add.outer(jumps, _soon(recording.period)))
+        edges = np.union1d(np.arange(rows[-1] * FINE + 1) / FINE, np.add.outer(jumps, soon))
         places = _with_middles(edges)
         held = places.astype(int)
         driven = simulate(driver, np.interp(places, rows, recording.time),
