@@ -333,6 +333,16 @@ def test_irregular_rows_may_begin_at_any_time(device):
         assert np.array_equal(answer.time, time + start)
 
 
+def test_a_sensor_may_be_as_late_as_the_first_of_irregular_rows_is_long(device):
+    time = np.cumsum(np.tile([1e-4, 2e-4, 3e-4], 30)) - 1e-4
+    late = device.with_effects({'sensor_delay': {'delay': float(np.nextafter(time[1], 0.0))}})
+    command = 30.0 - 30.0 * np.cos(200.0 * time)
+    answer = simulate(late, time, command)
+    prompt = simulate(device, time, command)
+    assert np.allclose(answer.displacement[:2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(answer.charge, prompt.charge, rtol=1e-6)
+
+
 def test_the_tick_grid_of_irregular_rows_does_not_drift(device):
     random = np.random.default_rng(9)
     time = np.cumsum(random.uniform(0.5e-3, 1.5e-3, 2000))

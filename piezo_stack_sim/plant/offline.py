@@ -128,7 +128,8 @@ def _run_irregular(plant: Plant, time, command, force) -> Response:
     lag, delay = plant.delays
     n = time.size
     moments = np.unique(np.concatenate([time, time + lag, time[1:] - delay]))
-    moments = moments[(moments > time[0]) & (moments <= time[-1])]
+    # A delay as long as the first row reads the start, but for rounding.
+    moments = moments[(moments > 1e-12) & (moments <= time[-1])]
     ends = moments[np.concatenate([np.diff(moments) > 1e-12, [True]])]
     starts = np.concatenate([[time[0]], ends[:-1]])
     tolerance = 1e-11
