@@ -629,3 +629,7 @@ def test_what_is_absent_is_not_stuck_and_what_lies_at_a_bound_is():
     assert losses['resistance'].stuck(1e4) == 'upper'
     assert losses['exponent'].stuck(0.2) == 'lower'
     assert losses['exponent'].stuck(0.5) is None
+    held = {free.parameter.name: free for free in free_parameters(
+        'added_mass', {'mass': 0.05, 'joint_frequency': 5e4})}['joint_frequency']
+    assert held.stuck(held.parameter.upper) is None
+    assert held.stuck(held.parameter.lower) == 'lower'

@@ -67,14 +67,17 @@ class Free:
         """
         Return the bound, 'lower' or 'upper', at which a value (SI) came to rest, if any.
 
-        What may be absent and is, like one of several losses, is not stuck.
+        What may be absent and is, like one of several losses or the joint of a payload that is
+        held firmly, is not stuck.
         """
         low, high = self.limits
         absent = self.parameter.neutral == self.parameter.lower
         if not absent and (value <= self.parameter.lower
                            or self.to_walk(value) - low < STUCK * (high - low)):
             return 'lower'
-        return 'upper' if high - self.to_walk(value) < STUCK * (high - low) else None
+        absent = self.parameter.neutral > self.parameter.upper
+        close = high - self.to_walk(value) < STUCK * (high - low)
+        return 'upper' if close and not absent else None
 
 
 def free_parameters(effect: str, start: dict[str, float]) -> list[Free]:
