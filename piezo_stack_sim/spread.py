@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 import multiprocessing
+import os
+import threading
 from typing import Any
 
 from piezo_stack_sim.errors import InputError
@@ -67,7 +69,7 @@ def _over_processes(function, tasks, jobs) -> Iterator[tuple[int, Any]]:
     waiting, deaths = dict(enumerate(tasks)), 0
     while waiting and deaths < 2:
         done = 0
-        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        with ProcessPoolExecutor(jobs, context, _end_with_parent) as pool:
             futures = {pool.submit(function, *task): i for i, task in waiting.items()}
             for future in as_completed(futures):
                 result = _outcome(future.result)
@@ -79,6 +81,17 @@ def _over_processes(function, tasks, jobs) -> Iterator[tuple[int, Any]]:
     for i in waiting:
         yield i, InputError('its process dies again and again, perhaps for lack of memory; '
                             'try fewer --jobs')
+
+
+def _end_with_parent() -> None:
+    """Have this worker end when its parent does: killed, that tells nobody."""
+    def watch():
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _over_dask(function, tasks, address) -> Iterator[tuple[int, Any]]:
