@@ -150,7 +150,8 @@ def page(score):
               ('what was hidden', score['by_kind']),
               ('effect', effects)]
     pairs = [('the weaker against the stronger', score['pairs_by_balance']),
-             ('the weaker over the noise', score['pairs_by_magnitude'])]
+             ('the weaker over the noise', score['pairs_by_magnitude']),
+             ('channels', score['pairs_by_channels'])]
     text = environment.from_string(TEMPLATE).render(
         score=score, pairs=pairs, questions=QUESTIONS, brief=BRIEF, kinds=KINDS, heads=HEADS,
         baselines=BASELINES, without=WITHOUT, tables=tables,

@@ -173,6 +173,7 @@ def score(public, labels=None, first=None):
                                   [name for _, name in BALANCES]),
         'pairs_by_magnitude': pairs(found, lambda row: row['magnitude'],
                                     [name for _, name in MAGNITUDES]),
+        'pairs_by_channels': pairs(found, lambda row: row['channels']),
         'by_channels': grouped(found, lambda row: row['channels']),
         'by_unit': grouped(found, lambda row: row['unit']),
         'by_kind': grouped(found, lambda row: row['kind'], ['none', 'one', 'two', 'absent']),
@@ -225,7 +226,7 @@ def grouped(rows, key, order=None):
             for name, group in split(rows, key, order).items()}
 
 
-def pairs(rows, key, order):
+def pairs(rows, key, order=None):
     """Return sets and the rates of both found, and of one at least, of pairs by group."""
     rows = [row for row in rows if row['kind'] == 'two']
     return {name: {'sets': len(group), **rates(group, ('both', 'either'))}

@@ -7,7 +7,8 @@ Mass that moves with the stack and was forgotten.
 
 Lowers the natural frequency by sqrt(m/(m + mass)); slow motion stays.  A payload is held by
 something: on a joint it swings against the stack by itself, free of everything else with
-``joint_frequency``, and is felt more, then less than a rigid one the faster it moves:
+``joint_frequency``, and is felt more, then less than a rigid one the faster it moves; from
+200 kHz on it counts as rigid:
 
     mass y'' = F_joint,   (m + ...) x'' = ... - F_joint,
     F_joint = k_j (x - y) + c_j (x' - y'),   k_j = mu (2 pi joint_frequency)^2,

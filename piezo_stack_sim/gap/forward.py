@@ -23,20 +23,20 @@ class Refined(Recording):
     ``parts`` holds time, command and force of these, ``kept`` (n,) which of them begin a row.
     """
 
-    parts: Recording | None = None
-    kept: np.ndarray | None = None
+    # The fields of a recording have defaults: so must these, which are always given.
+    parts: Recording = None  # type: ignore[assignment]
+    kept: np.ndarray = None  # type: ignore[assignment]
 
 
 def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndarray]:
     """Return voltage (V), charge (C) and displacement (m) of a device on a recording, (n,)."""
-    parts = recording.parts if isinstance(recording, Refined) else None
-    given = recording if parts is None else parts
-    response = simulate(device, given.time, given.command, given.external_force, given.drive)
-    answer = {'voltage': response.voltage, 'charge': response.charge,
-              'displacement': response.displacement}
-    if isinstance(recording, Refined) and recording.kept is not None:
+    if isinstance(recording, Refined):
+        answer = simulate_channels(device, recording.parts)
         return {channel: values[recording.kept] for channel, values in answer.items()}
-    return answer
+    response = simulate(device, recording.time, recording.command, recording.external_force,
+                        recording.drive)
+    return {'voltage': response.voltage, 'charge': response.charge,
+            'displacement': response.displacement}
 
 
 def simulate_set(device: Device, recordings) -> list[dict[str, np.ndarray]]:

@@ -39,9 +39,9 @@ class MeasuredVoltage:
     What was measured at the terminals of one recording, against what a driver makes of it.
 
     ``edges`` (k,) are places from which on the voltage is held, all rows among them and more in
-    ``jumps``, the rows in which the command jumps; ``places`` (2 k - 1,) are these and the middle
-    between each two, ``driven`` what the driver puts out there (V), ``missed`` (n,) what stands
-    above the noise of the measured voltage less that at the rows (V).
+    ``jumps``, the rows in which the command jumps; ``driven`` (2 k - 1,) is what the driver puts
+    out at the ``places``, ``missed`` (n,) what stands above the noise of the measured voltage less
+    that at the rows (V).
     """
 
     recording: Recording
@@ -62,13 +62,18 @@ class MeasuredVoltage:
             jumps = jumps[:0]
         edges = np.union1d(np.arange(rows[-1] * FINE + 1) / FINE, np.add.outer(jumps, soon))
         places = _with_middles(edges)
-        held = places.astype(int)
+        held = places.astype(int)  # the row from which on a command holds
         driven = simulate(driver, np.interp(places, rows, recording.time),
                           recording.command[held], recording.external_force[held],
                           'voltage').voltage
         at_rows = driven[2 * np.searchsorted(edges, rows)]
         return cls(recording, edges, jumps, driven, above_noise(
             recording.measured['voltage'] - at_rows, track.zero['voltage']))
+
+    @property
+    def places(self) -> np.ndarray:
+        """Return the edges and the middle between each two, (2 k - 1,)."""
+        return _with_middles(self.edges)
 
     @property
     def kept(self) -> np.ndarray:
@@ -98,7 +103,7 @@ class MeasuredVoltage:
         """
         recording, rows = self.recording, np.arange(len(self.recording))
         middles = np.minimum(rows + 0.5, rows[-1])
-        command = np.interp(middles, _with_middles(self.edges), self._between())
+        command = np.interp(middles, self.places, self._between())
         measured = {c: v for c, v in recording.measured.items() if c != 'voltage'}
         steps = recording.replace(command=command, measured=measured)
         if not self.jumps.size:
@@ -112,8 +117,8 @@ class MeasuredVoltage:
                        parts=parts, kept=np.searchsorted(edges, rows))
 
     def _between(self) -> np.ndarray:
-        return self.driven + np.interp(_with_middles(self.edges), np.arange(len(self.recording)),
-                                       self.missed)
+        rows = np.arange(len(self.recording))
+        return self.driven + np.interp(self.places, rows, self.missed)
 
     def _held(self) -> np.ndarray:
         """Return the voltage from each edge to the next (k,), the last once more."""
@@ -136,7 +141,7 @@ class MeasuredVoltage:
     def otherwise(self, late: float) -> np.ndarray:
         """Return it from edge to edge (k,) as it may be, too: in steps, and ``late`` (s)."""
         rows = np.arange(len(self.recording))
-        held = _with_middles(self.edges).astype(int)
+        held = self.places.astype(int)
         command = _from_edges(self.driven + self.missed[np.minimum(held + 1, rows[-1])])
         if late <= 0.0:
             return command
