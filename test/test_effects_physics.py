@@ -11,7 +11,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.plant import Device, Plant, simulate
 from piezo_stack_sim.plant.build import build_model
 import pytest
-from scipy.integrate import trapezoid
+from scipy.integrate import solve_ivp, trapezoid
 
 SOURCE = {'output_resistance': 50.0}  # ohm, keeps a step from ringing past its end
 DECADES = np.concatenate([[0.0], np.logspace(-2, 2, 41)])
@@ -417,6 +417,37 @@ def test_a_stop_is_met_at_its_gap():
     before = np.argmax(plain > 8e-6) - 1
     assert np.abs(stopped - plain)[:before].max() < 1e-12
     assert 8.0e-6 < stopped.max() < 8.3e-6
+
+
+@pytest.mark.parametrize('exponent', [1.0, 1.5, 1.9])
+def test_a_stop_pushes_back_with_the_power_of_the_indentation(exponent):
+    time, voltage = triangle(0.1, 90.0, 2, 2000)
+    gap, stiffness = 7e-6, 3e7
+    answer = simulate(device('contact', gap=gap, stiffness=stiffness, exponent=exponent),
+                      time, voltage)
+    q, x = answer.charge, answer.displacement
+    # At rest Eqs. 11, 14 and 15 leave the stop what the transducer has over the spring.
+    pushed = 10.0 * (q - 10.0 * x) / 1.2e-6 - 6e6 * x
+    deep = np.maximum(x - gap, 0.0)
+    assert deep.max() > 1e-6
+    assert pushed == pytest.approx(stiffness * deep * (deep / 1e-6) ** (exponent - 1.0), abs=1e-3)
+
+
+def test_the_end_bounces_on_a_ball_as_its_equation_of_motion_says():
+    time = np.linspace(0.0, 1e-3, 1001)
+    charge = 8e-5  # at once, so that the end swings about 7.5 um
+    target = device('contact', gap=6e-6, stiffness=4e7, exponent=1.5)
+
+    def motion(_, state):
+        x, w = state
+        stop = 4e10 * max(x - 6e-6, 0.0) ** 1.5
+        return w, (10.0 * (charge - 10.0 * x) / 1.2e-6 - 6e6 * x - 150.0 * w - stop) / 3.75e-3
+
+    exact = solve_ivp(motion, (0.0, 1e-3), (0.0, 0.0), t_eval=time, rtol=1e-10, atol=1e-16,
+                      max_step=2e-7).y[0]
+    assert exact.max() > 8e-6 and 6e-6 < exact[-1]
+    answer = simulate(target, time, np.full(time.size, charge), drive='charge')
+    assert answer.displacement == pytest.approx(exact, abs=2e-10)
 
 
 def test_a_mount_creeps_more_in_displacement_than_in_charge():

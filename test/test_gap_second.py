@@ -194,6 +194,45 @@ def test_pairs_that_do_as_well_where_they_act_are_told_by_all_rows(stop_and_dela
     assert verdict.tie == ('sensor_lag', 'sensor_delay')
 
 
+@pytest.mark.parametrize('numbers, word', [
+    # Only noise is left where one of them leaves 60 times its power.
+    ({'excess': 0.05, 'removed': 0.9995}, 'MULTIPLE'),
+    ({'excess': 2.0, 'removed': 0.9995}, 'CAUSE'),
+    ({'excess': 0.05, 'removed': 0.99}, 'CAUSE'),
+    # Or it shows where the first hardly acts.
+    ({'clear': 200.0, 'clear_part': 0.7}, 'MULTIPLE'),
+    ({'clear': 200.0, 'clear_part': 0.6}, 'CAUSE'),
+    ({'clear': 140.0, 'clear_part': 0.7}, 'CAUSE'),
+    # The form of the first would do as well, or that of the second is wrong.
+    ({'clear': 200.0, 'clear_part': 0.7, 'form': 200.0}, 'CAUSE'),
+    ({'clear': 200.0, 'clear_part': 0.7, 'wrong': 0.4}, 'CAUSE')])
+def test_relatives_are_both_needed_where_neither_fills_in_for_the_other(numbers, word):
+    singles = [Ranked('creep', 300.0, 0.97, 2, 0.03, 60.0),
+               Ranked('mount_creep', 200.0, 0.9, 2, 0.2, 90.0)]
+    pair = replace(Ranked('creep+mount_creep', 350.0, 0.99, 4, 0.01, 5.0, second=450.0, part=0.45,
+                          over=450.0, form=900.0, wrong=0.1), **numbers)
+    kin = {frozenset(('creep', 'mount_creep'))}
+    verdict = decide(singles, [pair], 0.97, 800.0, [], kin=kin)
+    assert verdict.word == word
+    if word == 'MULTIPLE':
+        assert rivals_of(pair.name, singles[0], [pair], DEFAULTS, kin) == [pair]
+
+
+def test_pairs_tie_by_what_resembles_one_of_the_two(stop_and_delay):
+    singles, pair = stop_and_delay
+    pairs = [pair('contact+sensor_delay', 700.0), pair('contact+command_delay', 300.0)]
+    verdict = decide(singles, pairs, 0.99, 50.0, [])
+    assert not tie_pairs(verdict, pairs, singles).tie
+    alike = [['command_delay', 'sensor_delay']]
+    tied = tie_pairs(verdict, pairs, singles, classes=alike)
+    assert tied.tie == ('sensor_delay', 'command_delay')
+    assert tied.selected == ('contact', 'sensor_delay')
+    # Not with what leaves far more, nor with what looks like neither of them.
+    worse = [pairs[0], replace(pairs[1], removed=0.9)]
+    assert not tie_pairs(verdict, worse, singles, classes=alike).tie
+    assert not tie_pairs(verdict, pairs, singles, classes=[['command_delay', 'contact']]).tie
+
+
 def test_behind_the_terminals_the_form_of_a_driver_does_not_mislead():
     singles = [Ranked('contact', 400.0, 0.79, 2, 0.3),
                Ranked('amplifier_gain', 300.0, 0.6, 2, 0.5)]

@@ -176,11 +176,13 @@ def mechanical_resonance(unit, participation, frequency, spread, second, damping
         'mode_frequencies': (frequency, spread * frequency), 'mode_damping': damping})
 
 
-@register(KNOWN, 'mechanical', 'Hertzian contact: force in the 3/2 power of the indentation', BOTH,
-          gap=of_stroke(0.3, 0.95), force=log(0.3, 200.0))
-def contact(unit, gap, force):
+@register(KNOWN, 'mechanical', 'Hertzian contact of rough faces: force in the 3/2 power of the '
+          'indentation, asperities first', BOTH,
+          gap=of_stroke(0.3, 0.95), force=log(0.3, 200.0), roughness=log(1e-7, 4e-7))
+def contact(unit, gap, force, roughness):
     # `force` is that at an indentation of one micrometre.
-    return unit.change(stack={'hertz_gap': gap, 'hertz_stiffness': force * 1e9})
+    return unit.change(stack={'hertz_gap': gap, 'hertz_stiffness': force * 1e9,
+                              'hertz_roughness': roughness})
 
 
 @register(KNOWN, 'mechanical', 'a polymer mount that relaxes with a power law of time', BOTH,

@@ -140,8 +140,12 @@ def mechanical_force(p, q, x, bristle, relaxed, heat, force):
         total -= np.sign(x) * p.hardening_force * ratio ** p.hardening_power
     if p.friction_force > 0.0:
         total -= p.friction_stiffness * bristle
-    if p.hertz_stiffness > 0.0 and x > p.hertz_gap:
-        total -= p.hertz_stiffness * (x - p.hertz_gap) ** 1.5
+    if p.hertz_stiffness > 0.0:
+        # Asperities touch first: about the mean gap the indentation begins softly.
+        deep = (x - p.hertz_gap) / p.hertz_roughness
+        if deep > -40.0:
+            indented = deep if deep > 40.0 else np.log1p(np.exp(deep))
+            total -= p.hertz_stiffness * (p.hertz_roughness * indented) ** 1.5
     total -= p.mount_stiffness * x - relaxed
     if p.yielding_stiffness > 0.0:
         total += p.yielding_stiffness * p.yielding_width * np.log1p(

@@ -82,6 +82,7 @@ class Stack(NamedTuple):
     friction_stiffness: float = 1e8  # N/m, bristles
     hertz_stiffness: float = 0.0  # N/m^1.5
     hertz_gap: float = 1.0  # m
+    hertz_roughness: float = 1e-9  # m
     mount_stiffness: float = 0.0  # N/m, power-law relaxing
     mount_onset: float = 1e-3  # s
     mount_exponent: float = 0.1

@@ -24,7 +24,8 @@ from piezo_stack_sim.gap.pairs import (
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.second import (
-    is_beyond_form, rivals_beside_mended, rivals_of, second_explains, stands_clear)
+    are_two_of_a_kind, is_beyond_form, rivals_beside_mended, rivals_of, second_explains,
+    stands_clear)
 from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
@@ -201,7 +202,8 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
     loudest = max(singles, key=lambda single: single.removed)
     bases = [best if best.gain > thresholds.detect else loudest,
              contenders(singles, thresholds)[0]]
-    if best.removed < thresholds.alone:
+    if (best.removed < thresholds.alone
+            or 1.0 - loudest.removed < thresholds.halves * (1.0 - best.removed)):
         bases.append(loudest)
     if best.removed < thresholds.half:
         # Where no one explains most of it, the best may have found its place for the other.
@@ -277,7 +279,8 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
             if best.name in pair.name.split('+') and (
                     second_explains(best, pair, thresholds, alike.kin) or pair.name in kept
                     or is_beyond_form(best, pair, thresholds, alike.kin)
-                    or stands_clear(best, pair, thresholds, alike.kin)):
+                    or stands_clear(best, pair, thresholds, alike.kin)
+                    or are_two_of_a_kind(best, pair, thresholds, alike.kin)):
                 return _by_all_rows(fitter, search, judge, removable, pair, best.name)
             return pair
 
@@ -312,5 +315,5 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
                 thresholds, alike.kin)
         elif cut is None or name != cut.pair:
             rivals = rivals_of(name, best, pairs, thresholds, alike.kin)
-        verdict = tie_pairs(verdict, rivals, singles, thresholds, cut)
+        verdict = tie_pairs(verdict, rivals, singles, thresholds, cut, alike.groups)
     return Decision(judge, removable, singles, pairs, ceiling, structure, alike, verdict, cut)

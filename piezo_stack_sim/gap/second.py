@@ -93,6 +93,23 @@ def well_formed(best: Ranked, pair: Ranked, t: Thresholds,
     return is_beyond_form(best, pair, t, kin) and _loses_little(best, pair, t)
 
 
+def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
+                      kin: Collection[frozenset[str]]) -> bool:
+    """
+    Tell whether two that resemble each other are both needed.
+
+    A relative fills in what the form of the first misses, but not to the noise where that is
+    loud, nor most of what is left where the first hardly acts.
+    """
+    if not (t.second < pair.over < math.inf and t.formed < pair.form < math.inf
+            and pair.wrong < t.misformed and are_relatives(best, pair, kin)):
+        return False
+    silences = (best.excess > t.heard and pair.excess < t.excess
+                and 1.0 - pair.removed < t.completes * (1.0 - best.removed))
+    return silences or (pair.clear > t.relative_clear
+                        and pair.clear_part > t.relative_clear_part)
+
+
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
     # Else it fills in some cells what the form of the first misses, and no more.
@@ -112,11 +129,13 @@ def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
     Where the second shows only where the first hardly acts, so must that of the others.
     """
     def rules(pair):
-        return {rule for rule in (counts, stands_clear, well_formed) if rule(best, pair, t, kin)}
+        return {rule for rule in (counts, stands_clear, well_formed, are_two_of_a_kind)
+                if rule(best, pair, t, kin)}
 
     known = {pair: rules(pair) for pair in pairs}
     by = next(rules for pair, rules in known.items() if pair.name == name)
-    able = {stands_clear} if by == {stands_clear} else {counts, stands_clear, well_formed}
+    able = {stands_clear} if by == {stands_clear} else {
+        counts, stands_clear, well_formed, are_two_of_a_kind}
     return [pair for pair, rules in known.items() if pair.name == name or rules & able]
 
 

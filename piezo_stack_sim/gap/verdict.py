@@ -13,7 +13,8 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.quantities import significant, words
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked, Thresholds
-from piezo_stack_sim.gap.second import counts, is_in_the_shade, stands_clear, well_formed
+from piezo_stack_sim.gap.second import (
+    are_two_of_a_kind, counts, is_in_the_shade, stands_clear, well_formed)
 
 
 def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
@@ -100,11 +101,9 @@ def outscored(verdict: Verdict, singles: list[Ranked], t: Thresholds = DEFAULTS
 def _look_alikes(ranked: list[Ranked], classes: Collection[Collection[str]], t: Thresholds
                  ) -> set[str]:
     """Return those who look like the best and leave about as little, the best included."""
-    best = ranked[0].removed
-    most = min(t.alike * (1.0 - best), 1.0 - t.as_good * best) + 0.01
     alike = {name for group in classes if ranked[0].name in group for name in group}
     return {ranked[0].name} | {each.name for each in ranked
-                               if each.name in alike and 1.0 - each.removed < most}
+                               if each.name in alike and _as_good(each, ranked[0], t)}
 
 
 @dataclass(frozen=True)
@@ -213,6 +212,9 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                  key=lambda pair: pair.form, default=None)
     if formed is not None and whole(formed) and well_formed(best, formed, t, kin):
         return two(formed, _why_formed(best, formed))
+    for pair in filter(whole, pairs):
+        if are_two_of_a_kind(best, pair, t, kin):
+            return two(pair, _why_two(best, pair))
     alone = _is_alone(singles, t)
     singles = contenders(singles, t)
     chance = probabilities(singles, t, classes)
@@ -314,7 +316,8 @@ def _why_formed(best: Ranked, pair: Ranked) -> str:
 
 
 def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
-              thresholds: Thresholds = DEFAULTS, cut: Cut | None = None) -> Verdict:
+              thresholds: Thresholds = DEFAULTS, cut: Cut | None = None,
+              classes: Collection[Collection[str]] = ()) -> Verdict:
     """
     Return the verdict of two causes with the pairs that explain the gap as well.
 
@@ -328,6 +331,8 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
         What was learned on the development set.
     cut : Cut, optional
         What a look at both sides of the terminals told.
+    classes : collection of collections of str, optional
+        Effects that these recordings cannot tell apart but by their form.
 
     """
     t = thresholds
@@ -341,7 +346,8 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
     else:
         weight = _weights(able, t)
     likeliest = sorted(weight, key=lambda pair: -weight[pair])
-    tied = [pair for pair in likeliest if weight[pair] >= t.as_likely * weight[likeliest[0]]]
+    tied = [pair for pair in likeliest if weight[pair] >= t.as_likely * weight[likeliest[0]]
+            or _exchanges_alike(pair, likeliest[0], classes, t)]
     total = sum(weight[pair] for pair in tied)
     common = set.intersection(*(set(pair.name.split('+')) for pair in tied))
     reason = verdict.reason if tied[0] is chosen else _why_two(singles[0], tied[0])
@@ -354,6 +360,21 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
                                 if name not in common)),
         reason=reason,
         pairs={pair.name: verdict.confidence * weight[pair] / total for pair in tied})
+
+
+def _exchanges_alike(pair: Ranked, best: Ranked, classes: Collection[Collection[str]],
+                     t: Thresholds) -> bool:
+    """Tell whether a pair has a look-alike in the place of one of two, and leaves as little."""
+    names, others = set(best.name.split('+')), set(pair.name.split('+'))
+    exchanged = names ^ others
+    return (len(exchanged) == 2 and any(exchanged <= set(group) for group in classes)
+            and _as_good(pair, best, t))
+
+
+def _as_good(one: Ranked, best: Ranked, t: Thresholds) -> bool:
+    """Tell whether a look-alike leaves about as little as the best."""
+    most = min(t.alike * (1.0 - best.removed), 1.0 - t.as_good * best.removed) + 0.01
+    return 1.0 - one.removed < most
 
 
 def _weights(pairs: list[Ranked], t: Thresholds) -> dict[Ranked, float]:

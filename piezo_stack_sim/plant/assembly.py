@@ -67,6 +67,8 @@ class Model:
     friction_force: float = 0.0
     contact_gap: float = math.inf
     contact_stiffness: float = 0.0
+    stop_gap: float = math.inf
+    stop_force: tuple[float, float] = (0.0, 1.0)
     smooth_voltage: tuple[float, float] = (0.0, 0.0)
     smooth_force: tuple[float, float] = (0.0, 0.0)
     previous_voltages: tuple[float, ...] = ()
@@ -344,6 +346,9 @@ def assemble(model: Model) -> System:
     real[layout.R_FRICTION_F] = model.friction_force
     real[layout.R_GAP] = model.contact_gap if math.isfinite(model.contact_gap) else 0.0
     real[layout.R_CONTACT_K] = model.contact_stiffness
+    if math.isfinite(model.stop_gap):
+        real[layout.R_STOP_GAP] = model.stop_gap
+        real[layout.R_STOP], real[layout.R_STOP_POWER] = model.stop_force
     real[layout.R_V2], real[layout.R_V3] = model.smooth_voltage
     real[layout.R_K2], real[layout.R_K3] = model.smooth_force
     real[layout.R_OMEGA_EXTRA] = min(model.slow_rates, default=0.0)
@@ -371,7 +376,8 @@ def assemble(model: Model) -> System:
     ints[layout.I_FRICTION] = model.friction_force > 0.0 and model.friction_stiffness > 0.0
     ints[layout.I_CONTACT] = math.isfinite(model.contact_gap) and model.contact_stiffness > 0.0
     ints[layout.I_LIMITER] = limited and charge_is_state
-    ints[layout.I_SMOOTH] = any(model.smooth_voltage) or any(model.smooth_force)
+    ints[layout.I_SMOOTH] = any((*model.smooth_voltage, *model.smooth_force,
+                                 real[layout.R_STOP]))
     ints[layout.I_CLAMPED] = model.clamped
     ints[layout.I_GROWING] = model.break_growth != 0.0
     # What relaxes as fast as the end swings shows for a while after a jump.

@@ -1,7 +1,8 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Smooth ports: a polynomial voltage over the charge, a polynomial force over the displacement.
+Smooth ports: a polynomial voltage over the charge; over the displacement a polynomial force, and
+a stop that pushes back with a power of the indentation.
 
 Within a sub-step each follows a parabola in time, which the motion, exact for
 such an input, must meet at the end and in the middle.
@@ -11,8 +12,8 @@ such an input, must meet at the end and in the middle.
 from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.cubic import hermite
 from piezo_stack_sim.plant.layout import (
-    N_INPUTS, N_RAMPS, R_K2, R_K3, R_T, R_TOL, R_V2, R_V3, SMOOTH_F, SMOOTH_V, W_Q, W_Q1)
-from piezo_stack_sim.plant.ports import smooth_force, smooth_voltage
+    N_INPUTS, N_RAMPS, R_T, R_TOL, R_V2, R_V3, SMOOTH_F, SMOOTH_V, W_Q, W_Q1)
+from piezo_stack_sim.plant.ports import smooth_force, smooth_force_slope, smooth_voltage
 
 
 @jit
@@ -61,7 +62,7 @@ def _meet(tables, at, z, held, n, rows, bend, length, real, end):
         if abs(miss_v) + abs(miss_f) / real[R_T] < 1e-7 * real[R_TOL]:
             break
         grow_v = q1 * (2.0 * real[R_V2] + 3.0 * real[R_V3] * q1)
-        grow_f = -x1 * (2.0 * real[R_K2] + 3.0 * real[R_K3] * x1)
+        grow_f = smooth_force_slope(x1, real)
         # Newton with the 2x2 Jacobian.
         a = 1.0 - grow_v * q_v
         b = -grow_v * q_f
