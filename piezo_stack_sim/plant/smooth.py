@@ -1,8 +1,9 @@
 # Copyright 2026 the piezo_stack_sim maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Smooth ports: a polynomial voltage over the charge; over the displacement a polynomial force, and
-a stop that pushes back with a power of the indentation.
+Smooth ports: a voltage over the charge, a force over the displacement.
+
+Polynomials, and a stop that pushes back with a power of the indentation.
 
 Within a sub-step each follows a parabola in time, which the motion, exact for
 such an input, must meet at the end and in the middle.
