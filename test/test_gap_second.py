@@ -218,6 +218,15 @@ def test_relatives_are_both_needed_where_neither_fills_in_for_the_other(numbers,
         assert rivals_of(pair.name, singles[0], [pair], DEFAULTS, kin) == [pair]
 
 
+def test_what_an_effect_says_its_form_leaves_out_is_no_second_of_its_kind():
+    singles = [Ranked('transducer_ratio', 5000.0, 0.999, 1, 0.006, 9.0),
+               Ranked('sensor_gain', 4400.0, 0.97, 1, 0.03, 1000.0)]
+    pair = Ranked('transducer_ratio+sensor_gain', 5100.0, 0.99998, 2, 0.001, 0.08, second=307.0,
+                  part=0.5, over=480.0, form=550.0, wrong=0.02)
+    kin = {frozenset(('transducer_ratio', 'sensor_gain'))}
+    assert decide(singles, [pair], 0.998, 2e5, [], kin=kin).word == 'CAUSE'
+
+
 def test_pairs_tie_by_what_resembles_one_of_the_two(stop_and_delay):
     singles, pair = stop_and_delay
     pairs = [pair('contact+sensor_delay', 700.0), pair('contact+command_delay', 300.0)]
