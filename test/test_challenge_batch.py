@@ -130,7 +130,7 @@ def test_an_effect_that_the_other_of_a_pair_hides_is_drawn_again(short, tmp_path
         'rail': lambda random, context: next(rails), 'knee': lambda random, context: 0.5}))
     monkeypatch.setitem(case.EFFECTS, contact.key, replace(contact, ranges={
         'gap': lambda random, context: 0.7 * context.stroke,
-        'force': lambda random, context: 50.0}))
+        'force': lambda random, context: 50.0, 'roughness': lambda random, context: 2e-7}))
     out = batch(tmp_path, hidden=[('two', (contact.key, saturation.key))])
     label = labels.reveal(out)['sets']['set_000']
     assert label['attempts'] == 2

@@ -196,13 +196,13 @@ def test_ticks_that_somebody_else_commands_are_noticed(tmp_path):
     client = Client(f'{SPACE}/shared')
     client.until(lambda: client.inputs['voltage_command'].get_subscription_count(), 'the device')
     process = subprocess.Popen(
-        [sys.executable, '-m', 'piezo_stack_sim', 'excite', 'steps', '--hold', '0.5', '--node',
+        [sys.executable, '-m', 'piezo_stack_sim', 'excite', 'steps', '--hold', '2', '--node',
          f'{SPACE}/shared', '--out', str(tmp_path)],
         env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
-    client.until(lambda: len(client.heard['state']) > 500, 'the programme')
+    client.until(lambda: len(client.heard['state']) > 200, 'the programme')
     while process.poll() is None:
         client.send('voltage_command', 5.0)
-        client.listen(0.05)
+        client.listen(0.02)
     errors = process.communicate()[1]
     client.close()
     node.end()
