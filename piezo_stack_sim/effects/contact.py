@@ -24,12 +24,9 @@ CHORD = 1e-6  # m, the indentation for which the stiffness is given
 
 def apply(model, gap, stiffness, exponent):
     """Put a stop in the way."""
-    if exponent == 1.0:  # exact; a power is followed in small steps
-        model.contact_gap = gap
-        model.contact_stiffness = stiffness
-        return
-    model.stop_gap = gap
-    model.stop_force = stiffness * CHORD ** (1.0 - exponent), exponent
+    model.contact_gap = gap
+    model.contact_stiffness = stiffness * CHORD ** (1.0 - exponent)
+    model.contact_exponent = exponent
 
 
 EFFECT = Effect(

@@ -67,8 +67,7 @@ class Model:
     friction_force: float = 0.0
     contact_gap: float = math.inf
     contact_stiffness: float = 0.0
-    stop_gap: float = math.inf
-    stop_force: tuple[float, float] = (0.0, 1.0)
+    contact_exponent: float = 1.0
     smooth_voltage: tuple[float, float] = (0.0, 0.0)
     smooth_force: tuple[float, float] = (0.0, 0.0)
     previous_voltages: tuple[float, ...] = ()
@@ -344,11 +343,12 @@ def assemble(model: Model) -> System:
     real[layout.R_SINK] = real[layout.R_LIMIT] * model.sink_share
     real[layout.R_FRICTION_K] = model.friction_stiffness
     real[layout.R_FRICTION_F] = model.friction_force
-    real[layout.R_GAP] = model.contact_gap if math.isfinite(model.contact_gap) else 0.0
-    real[layout.R_CONTACT_K] = model.contact_stiffness
-    if math.isfinite(model.stop_gap):
-        real[layout.R_STOP_GAP] = model.stop_gap
-        real[layout.R_STOP], real[layout.R_STOP_POWER] = model.stop_force
+    if math.isfinite(model.contact_gap):
+        # A straight stop is exact; a power of the indentation is followed in small steps.
+        straight = model.contact_exponent == 1.0
+        real[layout.R_GAP] = model.contact_gap
+        real[layout.R_CONTACT_K if straight else layout.R_CONTACT_H] = model.contact_stiffness
+        real[layout.R_CONTACT_POWER] = model.contact_exponent
     real[layout.R_V2], real[layout.R_V3] = model.smooth_voltage
     real[layout.R_K2], real[layout.R_K3] = model.smooth_force
     real[layout.R_OMEGA_EXTRA] = min(model.slow_rates, default=0.0)
@@ -359,7 +359,7 @@ def assemble(model: Model) -> System:
     real[layout.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
 
     stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness
-                + model.contact_stiffness)
+                + real[layout.R_CONTACT_K])
     omega_max = max([math.sqrt(stiffest / model.m), *model.slow_rates])
     quickest = max(model.fast_rates, default=0.0)
     if charge_is_state:
@@ -374,10 +374,10 @@ def assemble(model: Model) -> System:
     ints[layout.I_DRIVE] = layout.VOLTAGE if voltage_driven else layout.CHARGE
     ints[layout.I_QSTATE] = 2 if charge_is_state else -1
     ints[layout.I_FRICTION] = model.friction_force > 0.0 and model.friction_stiffness > 0.0
-    ints[layout.I_CONTACT] = math.isfinite(model.contact_gap) and model.contact_stiffness > 0.0
+    ints[layout.I_CONTACT] = real[layout.R_CONTACT_K] > 0.0
     ints[layout.I_LIMITER] = limited and charge_is_state
     ints[layout.I_SMOOTH] = any((*model.smooth_voltage, *model.smooth_force,
-                                 real[layout.R_STOP]))
+                                 real[layout.R_CONTACT_H]))
     ints[layout.I_CLAMPED] = model.clamped
     ints[layout.I_GROWING] = model.break_growth != 0.0
     # What relaxes as fast as the end swings shows for a while after a jump.

@@ -15,9 +15,9 @@ from piezo_stack_sim.plant.layout import (
     A_CONTACT, A_FRICTION, A_RC, CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR,
     F_FRIC, F_FRIC_DIR, F_LIMIT, F_SLIP, GROWTH_CURRENT, GROWTH_MEMORY, GROWTH_STEP, I_CONTACT,
     I_DRIVE, I_FRICTION, I_LIMITER, I_QSTATE, I_SMOOTH, I_SOURCE, M_BEGAN, M_CHARGE, M_CURRENT,
-    M_FRICTION, M_FURTHEST, M_GROWTH, M_JUMP, M_SINCE, M_SLIDE, R_C, R_CONTACT_K, R_EXPONENT,
-    R_FRICTION_F, R_FRICTION_K, R_GAP, R_GROWTH, R_K2, R_K3, R_LIMIT, R_SHARE, R_SINK, R_STOP,
-    R_STOP_GAP, R_STOP_POWER, R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
+    M_FRICTION, M_FURTHEST, M_GROWTH, M_JUMP, M_SINCE, M_SLIDE, R_C, R_CONTACT_H, R_CONTACT_K,
+    R_CONTACT_POWER, R_EXPONENT, R_FRICTION_F, R_FRICTION_K, R_GAP, R_GROWTH, R_K2, R_K3, R_LIMIT,
+    R_SHARE, R_SINK, R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
 
 
 @jit
@@ -40,18 +40,18 @@ def smooth_voltage(q, real):
 @jit
 def smooth_force(x, real):
     force = -x * x * (real[R_K2] + real[R_K3] * x)
-    over = x - real[R_STOP_GAP]
-    if real[R_STOP] > 0.0 and over > 0.0:
-        force -= real[R_STOP] * over ** real[R_STOP_POWER]
+    over = x - real[R_GAP]
+    if real[R_CONTACT_H] > 0.0 and over > 0.0:
+        force -= real[R_CONTACT_H] * over ** real[R_CONTACT_POWER]
     return force
 
 
 @jit
 def smooth_force_slope(x, real):
     slope = -x * (2.0 * real[R_K2] + 3.0 * real[R_K3] * x)
-    over = x - real[R_STOP_GAP]
-    if real[R_STOP] > 0.0 and over > 0.0:
-        slope -= real[R_STOP_POWER] * real[R_STOP] * over ** (real[R_STOP_POWER] - 1.0)
+    over = x - real[R_GAP]
+    if real[R_CONTACT_H] > 0.0 and over > 0.0:
+        slope -= real[R_CONTACT_POWER] * real[R_CONTACT_H] * over ** (real[R_CONTACT_POWER] - 1.0)
     return slope
 
 
