@@ -281,6 +281,26 @@ def test_a_transducer_ratio_changes_both_directions():
     assert off.displacement[-1] < ideal
 
 
+@pytest.mark.parametrize('more', [{}, {'amplifier_bandwidth': {'output_resistance': 20.0}}])
+def test_unequal_directions_are_a_scale_of_the_displacement_and_another_of_the_force(more):
+    """Scales of x and F in Eqs. 11, 14 and 15 make the geometric mean of the two ratios."""
+    converse, direct = 1.0 + 0.1 * 1.2, 1.0 + 0.1 * 0.8
+    time, voltage = triangle(100.0, 60.0, 1, 500)
+    force = 80.0 * np.sin(2.0 * np.pi * 130.0 * time)
+    unequal = simulate(IDEAL.with_effects({
+        'transducer_ratio': {'ratio_error': 0.1, 'inequality': 0.2}, **more}),
+        time, voltage, force)
+    scale = np.sqrt(converse / direct)
+    equal = simulate(IDEAL.with_effects({
+        'transducer_ratio': {'ratio_error': np.sqrt(converse * direct) - 1.0}, **more}),
+        time, voltage, force / scale)
+    # Rounding decides when a slip is noticed: a picometre.
+    np.testing.assert_allclose(unequal.displacement, scale * equal.displacement, atol=1e-12)
+    np.testing.assert_allclose(unequal.charge, equal.charge, atol=1e-11)
+    np.testing.assert_allclose(unequal.voltage, equal.voltage, atol=1e-6)
+    np.testing.assert_allclose(unequal.force, scale * equal.force, atol=1e-5)
+
+
 # -- mechanical ------------------------------------------------------------------
 
 

@@ -220,10 +220,10 @@ def test_relatives_are_both_needed_where_neither_fills_in_for_the_other(numbers,
 
 def test_what_an_effect_says_its_form_leaves_out_is_no_second_of_its_kind():
     singles = [Ranked('transducer_ratio', 5000.0, 0.999, 1, 0.006, 9.0),
-               Ranked('sensor_gain', 4400.0, 0.97, 1, 0.03, 1000.0)]
-    pair = Ranked('transducer_ratio+sensor_gain', 5100.0, 0.99998, 2, 0.001, 0.08, second=307.0,
-                  part=0.5, over=480.0, form=550.0, wrong=0.02)
-    kin = {frozenset(('transducer_ratio', 'sensor_gain'))}
+               Ranked('series_compliance', 4400.0, 0.97, 1, 0.03, 1000.0)]
+    pair = Ranked('transducer_ratio+series_compliance', 5100.0, 0.99998, 2, 0.001, 0.08,
+                  second=307.0, part=0.5, over=480.0, form=550.0, wrong=0.02)
+    kin = {frozenset(('transducer_ratio', 'series_compliance'))}
     assert decide(singles, [pair], 0.998, 2e5, [], kin=kin).word == 'CAUSE'
 
 
@@ -292,11 +292,11 @@ def test_beside_a_mended_first_pairs_are_told_by_what_the_second_does_there():
                       left=0.001, beside=form)]
     lag = replace(warm, name='sensor_gain+thermal_drift', over=-80.0)
     best = Ranked('transducer_ratio', 510.0, 0.9964, 1, 0.01)
-    # Heavier than the nominal one is what its form leaves: nobody's second.
-    heavy = replace(hidden[0], name='transducer_ratio+added_mass')
+    # Softer under a load is what its form leaves: nobody's second.
+    soft = replace(hidden[0], name='transducer_ratio+series_compliance')
     weak = replace(hidden[1], name='transducer_ratio+friction', second=20.0)
     rivals = {pair.name: pair for pair in rivals_beside_mended(
-        warm.name, best, [warm, drift, lag], [*hidden, heavy, weak], DEFAULTS, ())}
+        warm.name, best, [warm, drift, lag], [*hidden, soft, weak], DEFAULTS, ())}
     assert set(rivals) == {warm.name, drift.name, lag.name}
     assert rivals[warm.name] is warm and rivals[lag.name] is lag
     assert rivals[warm.name].over - rivals[drift.name].over == pytest.approx(108.0)
@@ -307,7 +307,7 @@ def test_beside_a_mended_first_pairs_are_told_by_what_the_second_does_there():
         return decide([best, Ranked('friction', 0.0, 0.0, 1)], list(given), 0.99, 50.0, []).word
 
     assert said(hidden[0]) == 'MULTIPLE'
-    assert said(hidden[0], replace(heavy, second=200.0)) == 'CAUSE'
+    assert said(hidden[0], replace(soft, second=200.0)) == 'CAUSE'
 
 
 def test_where_cells_tell_nothing_all_rows_tell_which_pair_it_is(stop_and_delay):

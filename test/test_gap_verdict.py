@@ -22,7 +22,7 @@ def test_equal_scores_share_the_probability():
 
 def test_of_two_that_do_equally_well_the_one_with_less_choice_is_named_first():
     bent, follows = (Ranked('sensor_nonlinearity', 1001.0, 0.999, 2, spent=18.0),
-                     Ranked('transducer_nonlinearity', 1000.0, 0.999, 2, spent=13.0))
+                     Ranked('transducer_nonlinearity', 1000.0, 0.999, 1, spent=13.0))
     none = Ranked('creep', 0.0, 0.0, 3)
     alike = [['transducer_nonlinearity', 'sensor_nonlinearity']]
     verdict = decide([bent, follows, none], [], 0.999, 50.0, alike)
@@ -31,6 +31,10 @@ def test_of_two_that_do_equally_well_the_one_with_less_choice_is_named_first():
     # Who does clearly better is named first all the same.
     better = replace(bent, gain=1040.0)
     assert decide([better, follows, none], [], 0.999, 50.0, alike).selected == (
+        'sensor_nonlinearity',)
+    # Of two with as many numbers it does not matter how far apart the bounds of these are.
+    as_many = replace(follows, parameters=2)
+    assert decide([bent, as_many, none], [], 0.999, 50.0, alike).selected == (
         'sensor_nonlinearity',)
     # What withheld rows tell apart they tell, however many numbers it took.
     free = replace(bent, gain=50.0, spent=45.0)

@@ -122,11 +122,14 @@ def transducer_nonlinearity(unit, share, balanced_at):
         'chord_charge': 1.33e-4 * balanced_at})
 
 
-@register(KNOWN, 'transducer', 'direct and converse effect off by unequal amounts', BOTH,
-          error=either_sign(2.5e-2, 0.15), inequality=either_sign(0.05, 0.2))
-def transducer_ratio(unit, error, inequality):
+@register(KNOWN, 'transducer', 'direct and converse effect off by unequal amounts, and the '
+          'converse one further under pressure', BOTH,
+          error=either_sign(2.5e-2, 0.15), inequality=either_sign(0.05, 0.2),
+          pressure=log(500.0, 3000.0))
+def transducer_ratio(unit, error, inequality, pressure):
     return unit.change(stack={'converse_error': error * (1.0 + inequality),
-                              'direct_error': error * (1.0 - inequality)})
+                              'direct_error': error * (1.0 - inequality),
+                              'depoling_force': pressure})
 
 
 # -- mechanical ------------------------------------------------------------------------------

@@ -129,7 +129,8 @@ def bristle_after(p, bristle, dx, speed):
 def mechanical_force(p, q, x, bristle, relaxed, heat, force):
     """Return the force on the moving end (Eqs. 14, 15), without viscosity and payload."""
     direct = p.T * (1.0 + p.direct_error) * (1.0 + heat)
-    converse = p.T * (1.0 + p.converse_error) * (1.0 + heat)
+    off = p.converse_error * (1.0 - force / p.depoling_force)
+    converse = p.T * (1.0 + off) * (1.0 + heat)
     total = converse * (q - direct * x) / p.C
     total += 0.5 * p.electrostriction * q * (q - p.chord_charge)
     total += force - p.k * x

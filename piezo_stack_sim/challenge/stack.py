@@ -64,6 +64,7 @@ class Stack(NamedTuple):
     # Transducer: converse and direct effect differ (no reciprocity), electrostriction, heating.
     converse_error: float = 0.0
     direct_error: float = 0.0
+    depoling_force: float = np.inf  # N, a pressure that doubles the converse error
     electrostriction: float = 0.0  # N/C^2
     chord_charge: float = 0.0  # C at which its force vanishes again
     heating_gain: float = 0.0

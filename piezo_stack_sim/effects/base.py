@@ -59,9 +59,8 @@ class Effect:
     ``becomes`` names the effect that it is where its strength is at its other end:
     a stop without a gap is a spring.  ``before_its_time`` names its time constant and the effect
     that it cannot be told from before that has passed.  ``form_like`` names effects that
-    resemble what its form leaves out, ``form_mended_by`` those that together with it are what
-    the effect may really be, ``twin`` says what does the same to all channels and is none of
-    them.
+    resemble what its form leaves out, ``twin`` says what does the same to all channels and is
+    none of them.
     """
 
     id: str  # noqa: A003
@@ -76,7 +75,6 @@ class Effect:
     becomes: str = ''
     before_its_time: tuple[str, str] | None = None
     form_like: tuple[str, ...] = ()
-    form_mended_by: tuple[str, ...] = ()
     twin: str = ''
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:

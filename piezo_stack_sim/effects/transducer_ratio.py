@@ -3,23 +3,28 @@
 """
 An electromechanical ratio T off by more than its uncertainty.
 
-    T -> T (1 + ratio_error),  in both directions: Eqs. 11 and 14
+    F_t = T (1 + ratio_error (1 + inequality)) v_t                 the converse effect, Eq. 14
+    q   = T (1 + ratio_error (1 - inequality)) x + C v_t           the direct effect, Eq. 11
 
 Partial depoling, ageing, temperature.  Driven hard, the direct and the converse effect may be off
-by unequal amounts: the same as a reading of the displacement that is off by half the difference,
-besides, another stiffness against forces, k + T_converse T_direct/C, and as much more mass.
+by unequal amounts.  Without forces from outside the difference is the same as a reading of the
+displacement that is off by half of it; a force moves the end by as much less.  Unequal ones are
+no law of energy, but the secants of two large loops.
 
 Look-alikes: ``amplifier_gain`` (moves the voltage), ``sensor_gain`` (leaves the
 charge); forces at held voltage separate T from k.
-Source: ageing 1 to 5 % a decade and 0.1 to 0.5 % per kelvin, engineering estimate.
+Source: ageing 1 to 5 % a decade and 0.1 to 0.5 % per kelvin, unequal by 5 to 20 % at a large
+signal, engineering estimates.
 """
 
 from piezo_stack_sim.effects.base import Effect, Parameter
 
 
-def apply(model, ratio_error):
-    """Scale the ratio."""
-    model.T *= 1.0 + ratio_error
+def apply(model, ratio_error, inequality):
+    """Scale the ratio, in both directions."""
+    direct = 1.0 + ratio_error * (1.0 - inequality)
+    model.T *= direct
+    model.converse_share *= (1.0 + ratio_error * (1.0 + inequality)) / direct
 
 
 EFFECT = Effect(
@@ -28,7 +33,10 @@ EFFECT = Effect(
     (
         Parameter('ratio_error', '1', 0.0, -0.5, 0.5, 0.05, 'relative error of the ratio',
                   runtime=False),
+        Parameter('inequality', '1', 0.0, -0.3, 0.3, 0.0,
+                  'part by which the error of the converse effect is larger, that of the direct '
+                  'effect smaller', magnitude=False, runtime=False),
     ),
     apply, channels=('charge', 'displacement'),
-    form_like=('sensor_gain', 'series_compliance', 'parallel_stiffness', 'added_mass'),
-    form_mended_by=('sensor_gain',))
+    # Real ratios depend on the load, too.
+    form_like=('series_compliance',))

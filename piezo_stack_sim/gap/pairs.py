@@ -316,16 +316,13 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
     """
     Look for a second effect beside a first whose form another mends.
 
-    The time that a sensor or a driver takes is hardly ever a pure lag or a pure delay, and some
-    effects say themselves which one is like what their form leaves out.  Where two of these
-    explain it better than one, what they leave shows a second effect that the form of one had
-    hidden.
+    The time that a sensor or a driver takes is hardly ever a pure lag or a pure delay.  Where two
+    of these explain it better than one, what they leave shows a second effect that the form of
+    one had hidden.
     """
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
-    hopeful = _hopeful(search)
-    mended = {name: forms.nats(search.fits[name]) for name, merit in search.merits.items()
-              if set(name.split('+')) & search.asked and merit.nats > HOPEFUL_NATS and (
-                  _is_declared(name) or name in hopeful and len(times_of(name.split('+'))) == 2)}
+    mended = {name: forms.nats(search.fits[name]) for name in _hopeful(search)
+              if set(name.split('+')) & search.asked and len(times_of(name.split('+'))) == 2}
     if not mended:
         return
     form = min(mended, key=lambda name: mended[name])
@@ -333,10 +330,8 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
     progress(f'looking past the form of {words(first)}')
     fit = _settled(forms, search.fits[form])
     weighed = fitter.through(forms.lens(fit))
-    times = times_of(form.split('+'))
-    alike = set(times_of(EFFECTS)) if times else set()
-    others = [name for name in names if name not in alike | set(form.split('+'))
-              and name in search.probes]
+    others = [name for name in names
+              if name not in times_of(EFFECTS) and name in search.probes]
     chosen = {**dict(_promises(fitter, search, others, fit)[:PLAIN_PARTNERS]),
               **dict(_promises(weighed, search, others, fit)[:MENDED])}
 
@@ -367,12 +362,6 @@ def _ask_alone(forms: Forms, search: Search, pair: Fit) -> None:
     for base in pair.effects:
         if base not in search.bases:
             search.bases[base] = _alone(forms, base, pair)
-
-
-def _is_declared(name: str) -> bool:
-    """Tell whether one effect of a pair says that with the other it is what it may really be."""
-    one, other = name.split('+')
-    return other in EFFECTS[one].form_mended_by or one in EFFECTS[other].form_mended_by
 
 
 def first_of(forms: Forms, search: Search, name: str) -> str:

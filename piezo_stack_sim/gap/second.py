@@ -115,7 +115,7 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
 
 def _fills_in(one: str, other: str) -> bool:
     """Tell whether an effect is known to resemble what the form of another leaves out."""
-    return one in EFFECTS[other].form_like or one in EFFECTS[other].form_mended_by
+    return one in EFFECTS[other].form_like
 
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:

@@ -28,7 +28,7 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     recordings cannot tell apart hardly anything but the form makes a difference.
     Of two that do equally well the one with fewer numbers is the likelier: a stop
     without a gap is a spring, so that the stop does no worse where a spring is.  And of
-    look-alikes so is the one that had less choice among its numbers.
+    look-alikes so is the one that had fewer numbers to choose from their bounds.
     """
     able = contenders(ranked, thresholds)
     scored = {r.name: r.gain if r in able else -math.inf for r in ranked}
@@ -43,11 +43,22 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     alike = _look_alikes(able, classes, thresholds)
     group = [i for i, each in enumerate(ranked) if each.name in alike]
     # Withheld rows have their say on who chose too much; where they cannot tell, this does.
-    left = np.array([gains[i] - ranked[i].spent for i in group])
+    left = gains[group] - _spent([ranked[i] for i in group])
     share = np.exp((left - left.max()) / misled)
     weight[group] = weight[group].sum() * share / share.sum()
     weight *= np.exp(-thresholds.occam * np.array([r.parameters for r in ranked]))
     return weight / weight.sum()
+
+
+def _spent(alike: list[Ranked]) -> np.ndarray:
+    """
+    Return what the numbers of look-alikes cost them, those of as many numbers alike, in nats.
+
+    How wide the bounds of a number are says little of how likely it is to be anywhere between.
+    """
+    counts = np.array([each.parameters for each in alike])
+    spent = np.array([each.spent for each in alike])
+    return np.array([spent[counts == count].mean() for count in counts])
 
 
 def contenders(ranked: list[Ranked], t: Thresholds = DEFAULTS) -> list[Ranked]:

@@ -44,6 +44,8 @@ class Model:
         Stiffness (V/C) and break voltage (V) of the Maxwell elements, Table 2.
     reference : Reference
         Scales of the actuator before any effect changed it.
+    converse_share : float
+        Force per volt (Eq. 14) over charge per displacement (Eq. 11): 1 in a reciprocal stack.
 
     """
 
@@ -55,6 +57,7 @@ class Model:
     maxwell_k: np.ndarray
     maxwell_v: np.ndarray
     reference: Reference
+    converse_share: float = 1.0
     drive: str = 'voltage'
     clamped: bool = False
     output_resistance: float = 0.0
@@ -288,6 +291,7 @@ def assemble(model: Model) -> System:
             out[column[source]] += gain
         return out
 
+    converse = model.converse_share * model.T
     # All charge on the stack, and that which passes the Maxwell elements for it at once.
     charge = row(model.charge_terms)
     charge[column['charge']] += 1.0
@@ -296,8 +300,8 @@ def assemble(model: Model) -> System:
     if not model.clamped:
         rates[0, 1] = 1.0
         force = row(model.force_terms)
-        force += model.T / model.C * charge  # Eq. 14 with v_t = (q - T x)/C, Eq. 11
-        force[0] -= model.k + model.T ** 2 / model.C
+        force += converse / model.C * charge  # Eq. 14 with v_t = (q - T x)/C, Eq. 11
+        force[0] -= model.k + converse * model.T / model.C
         force[1] -= model.b
         force[base + layout.A_FRICTION] += 1.0
         force[base + layout.A_CONTACT] += 1.0
@@ -321,8 +325,8 @@ def assemble(model: Model) -> System:
     reading[1, 1] = 1.0
     reading[2] = charge + row(model.charge_reading_terms)
     reading[3, column['voltage']] = 1.0
-    reading[4] = model.T / model.C * charge
-    reading[4, 0] -= model.T ** 2 / model.C
+    reading[4] = converse / model.C * charge
+    reading[4, 0] -= converse * model.T / model.C
     reading[5] = charge
     reading[6] = row(model.joint_terms)
 
@@ -332,6 +336,7 @@ def assemble(model: Model) -> System:
 
     real = np.zeros(layout.N_REAL)
     real[layout.R_T] = model.T
+    real[layout.R_CONVERSE] = converse
     real[layout.R_C] = model.C
     real[layout.R_MASS] = model.m
     real[layout.R_STIFFNESS] = model.k
@@ -358,7 +363,7 @@ def assemble(model: Model) -> System:
     real[layout.R_SHARE] = share
     real[layout.R_TOL] = 1e-4  # V; 0.01 nm with the usual large-signal gain
 
-    stiffest = (model.k + model.T ** 2 / model.C + model.friction_stiffness
+    stiffest = (model.k + converse * model.T / model.C + model.friction_stiffness
                 + real[layout.R_CONTACT_K])
     omega_max = max([math.sqrt(stiffest / model.m), *model.slow_rates])
     quickest = max(model.fast_rates, default=0.0)

@@ -24,8 +24,8 @@ N_CONSTANTS = 6
 
 
 @jit
-def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clamped, ticks,
-                   levels, constants, propagators):
+def mode_constants(k, ratio, converse, cap, mass, stiffness, damping, voltage_driven, clamped,
+                   ticks, levels, constants, propagators):
     """
     Fill in the constants and propagators of every mode.
 
@@ -33,8 +33,8 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
     ----------
     k : numpy.ndarray, shape (n,)
         Stiffness of the Maxwell elements (V/C).
-    ratio, cap, mass, stiffness, damping : float
-        T, C, m, k, b of Table 1.
+    ratio, converse, cap, mass, stiffness, damping : float
+        T (Eqs. 11 and 14), C, m, k, b of Table 1.
     voltage_driven, clamped : bool
         Drive, and whether the moving end is held.
     ticks : numpy.ndarray, shape (d,)
@@ -58,13 +58,13 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
         scale = 1.0 / (1.0 + cap * big_k)
         constants[slip, C_K] = big_k
         if voltage_driven:
-            constants[slip, C_SPRING] = stiffness + ratio * ratio * big_k * scale  # Eq. 21
-            constants[slip, C_GAIN] = ratio * scale
+            constants[slip, C_SPRING] = stiffness + converse * ratio * big_k * scale  # Eq. 21
+            constants[slip, C_GAIN] = converse * scale
             constants[slip, C_DQ_DX] = ratio * scale
             constants[slip, C_DQ_DU] = cap * scale
         else:
-            constants[slip, C_SPRING] = stiffness + ratio * ratio / cap  # Eq. 20
-            constants[slip, C_GAIN] = ratio / cap
+            constants[slip, C_SPRING] = stiffness + converse * ratio / cap  # Eq. 20
+            constants[slip, C_GAIN] = converse / cap
             constants[slip, C_DQ_DU] = 1.0
         spring = constants[slip, C_SPRING]
         constants[slip, C_OMEGA] = math.sqrt(spring / mass)
@@ -106,8 +106,8 @@ def mode_constants(k, ratio, cap, mass, stiffness, damping, voltage_driven, clam
 
 @jit
 def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
-        s, p, flags, inputs, memory, k, v_break, r, ratio, cap, voltage_driven, clamped,
-        constants, propagators, ticks, levels, short, row, out_state, out_read):
+        s, p, flags, inputs, memory, k, v_break, r, ratio, converse, cap, voltage_driven,
+        clamped, constants, propagators, ticks, levels, short, row, out_state, out_read):
     """
     Advance the ideal stack over segments of constant command and force.
 
@@ -300,7 +300,7 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             out_state[index, 1] = w
             out_state[index, 2] = q
             out_state[index, 3] = v
-            out_state[index, 4] = ratio * v_t  # Eq. 14
+            out_state[index, 4] = converse * v_t  # Eq. 14
             out_state[index, 5] = q
         index = seg_read[segment]
         if index >= 0:

@@ -13,9 +13,10 @@ from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.layout import (
     A_RC, F_CONTACT, F_FRIC, F_LIMIT, F_SLIP, I_CLAMPED, I_DRIVE, I_FRICTION, I_INPUTS,
     I_QSTATE, I_RELAXING, I_SMOOTH, I_SOURCE, N_AHEAD, N_INPUTS, N_OUTPUTS, ONE, R_C,
-    R_CONTACT_K, R_FRICTION_K, R_INTERNAL, R_LIMIT, R_MASS, R_OMEGA_EXTRA, R_OMEGA_FAST,
-    R_RATE_MAX, R_RESISTANCE, R_SHARE, R_SINK, R_STIFFNESS, R_T, SMOOTH_V, U, VOLTAGE, W_OUT, W_Q,
-    W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3, WORK_Q, WORK_SOURCE, WORK_V, WORK_WANT)
+    R_CONTACT_K, R_CONVERSE, R_FRICTION_K, R_INTERNAL, R_LIMIT, R_MASS, R_OMEGA_EXTRA,
+    R_OMEGA_FAST, R_RATE_MAX, R_RESISTANCE, R_SHARE, R_SINK, R_STIFFNESS, R_T, SMOOTH_V, U,
+    VOLTAGE, W_OUT, W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3, WORK_Q, WORK_SOURCE, WORK_V,
+    WORK_WANT)
 
 TERMS = 12  # of the series for one tick
 
@@ -200,8 +201,8 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
                                           + reading[o, n_states + 1] * v_row[c])
 
     # With the charge held the end is stiffer than with the leads shorted, Eqs. 20 and 21.
-    held = ratio * ratio / cap
-    freed = ratio * ratio * big_k / (1.0 + cap * big_k)
+    held = real[R_CONVERSE] * ratio / cap
+    freed = real[R_CONVERSE] * ratio * big_k / (1.0 + cap * big_k)
     stiffness = max(-augmented[1, 0] * real[R_MASS], 0.0)
     if iq >= 0:
         lag = (real[R_RESISTANCE] + real[R_INTERNAL]) / (big_k + 1.0 / cap)

@@ -36,12 +36,12 @@ class Tables:
         real = system.real
         voltage_driven = bool(system.ints[layout.I_DRIVE] == layout.VOLTAGE)
         clamped = bool(system.ints[layout.I_CLAMPED])
-        ratio, cap = real[layout.R_T], real[layout.R_C]
+        ratio, converse, cap = real[[layout.R_T, layout.R_CONVERSE, layout.R_C]]
         modes = system.k.size + 1
         constants = (np.zeros((modes, ideal.N_CONSTANTS)),
                      np.zeros((modes, self.tick.size, int(self.levels.max()) + 1, 4)))
         ideal.mode_constants(
-            system.k, ratio, cap, real[layout.R_MASS], real[layout.R_STIFFNESS],
+            system.k, ratio, converse, cap, real[layout.R_MASS], real[layout.R_STIFFNESS],
             real[layout.R_DAMPING], voltage_driven, clamped, self.tick, self.levels, *constants)
         row = system.reading[0, :6].copy()
         # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
@@ -49,8 +49,8 @@ class Tables:
         short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
                           for level, tick in zip(self.levels.tolist(), self.tick)])
         self._run = ideal.run
-        self.arguments = (system.k, system.v_break, system.r, ratio, cap, voltage_driven,
-                          clamped, *constants, self.tick, self.levels, short, row)
+        self.arguments = (system.k, system.v_break, system.r, ratio, converse, cap,
+                          voltage_driven, clamped, *constants, self.tick, self.levels, short, row)
 
     def _prepare_general(self, n_classes: int) -> None:
         system = self.system
