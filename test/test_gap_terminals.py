@@ -48,8 +48,8 @@ def clocked(every):
 def a_set(device, driver, noise=1.0):
     """Return recordings with (so much) white noise of a device behind a driver of any form."""
     random, recordings = np.random.default_rng(11), []
-    for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine(),
-                      programmes.steps(hold=1.0)):
+    for programme in (programmes.triangle(peaks=(30.0, 90.0), cycles=1),
+                      programmes.multisine(periods=2), programmes.steps(hold=1.0)):
         rows = np.arange(len(programme))
         fine = np.arange(rows[-1] * FINER + 1)
         time = np.interp(fine / FINER, rows, programme.time)
