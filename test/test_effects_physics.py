@@ -505,6 +505,9 @@ def test_a_disturbance_is_there_at_rest_with_its_amplitude_and_frequency():
     zero = np.zeros(4000)
     seen = simulate(device('periodic_disturbance'), time, zero).displacement
     assert seen == pytest.approx(2e-8 * np.sin(100.0 * math.pi * time), abs=1e-14)
+    twice = only('periodic_disturbance', displacement=2e-8, harmonic=5e-9, harmonic_phase=1.0)
+    assert simulate(twice, time, zero).displacement - seen == pytest.approx(
+        5e-9 * np.sin(200.0 * math.pi * time + 1.0), abs=1e-14)
     pushed = simulate(only('periodic_disturbance', force=1.0), time, zero, drive='open')
     amplitude = abs(fundamental(time, pushed.displacement, 50.0))
     assert amplitude == pytest.approx(1.0 / 89.3333e6, rel=1e-3)

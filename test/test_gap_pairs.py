@@ -253,6 +253,27 @@ def test_beside_a_hum_that_is_never_in_step_a_second_effect_explains_what_it_doe
     assert again == pytest.approx(both.residual, abs=1e-9)
 
 
+def test_a_long_replay_keeps_in_step_with_a_hum(device):
+    """A recording of 24 s is averaged over the periods of the hum: its single rows still tell."""
+    random, recordings, hums = np.random.default_rng(4), [], []
+    for programme in (programmes.triangle(peaks=(60.0,)), programmes.steps()):
+        turn = 2.0 * np.pi * 72.4116 * programme.time
+        one, two = random.uniform(0.0, 6.0, 2)
+        hums.append(4e-8 * np.sin(turn + one) + 1.2e-8 * np.sin(2.0 * turn + two))
+        answer = simulate(device, programme.time, programme.command)
+        recordings.append(programme.replace(measured={
+            'displacement': answer.displacement + hums[-1]
+            + NOISE['displacement'] * random.standard_normal(len(programme))}))
+    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings)))
+    fitter.prepare(parallel)
+    found = fitter.in_step(fitter.fit({TONE: {'frequency': 72.1}}), parallel)
+    assert found.line.frequency == pytest.approx(72.4116, abs=2e-3)
+    for other, recording, hum in zip(fitter.devices_of(found), recordings, hums):
+        with_hum, without = (simulate(each, recording.time, recording.command).displacement
+                             for each in (other, fitter.device_with({}, found.phi)))
+        assert np.std(with_hum - without - hum) < 0.05 * np.std(hum)
+
+
 def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
         device, monkeypatch):
     truth = device.with_effects({

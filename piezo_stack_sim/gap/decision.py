@@ -48,12 +48,14 @@ class Decision:
     verdict: Verdict
     cut: Cut | None = None
 
+    @property
+    def name(self) -> str:
+        """Return the name of the hypothesis that was selected, '' if none was."""
+        return '+'.join(sorted(self.verdict.selected, key=list(EFFECTS).index))
+
     def chosen(self, search: Search) -> Fit:
         """Return the fit of what was selected; the nominal one if nothing was."""
-        if not self.verdict.selected:
-            return search.nominal
-        return search.correction(
-            '+'.join(sorted(self.verdict.selected, key=list(EFFECTS).index)))
+        return search.correction(self.name) if self.name else search.nominal
 
 
 class Removable:

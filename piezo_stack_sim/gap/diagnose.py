@@ -127,7 +127,9 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
     decision = doubted(fitter, search, decision, thresholds)
-    verdict, chosen = decision.verdict, decision.chosen(search)
+    verdict, chosen = decision.verdict, fitter.in_step(decision.chosen(search), parallel)
+    if decision.name:
+        search.corrected[decision.name] = chosen
     progress('writing it up')
     devices = fitter.devices_of(chosen)
     after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))

@@ -23,10 +23,10 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.arbitrary import is_arbitrary
 from piezo_stack_sim.gap.descent import descend, Landscape, NUDGE, Slope, sum_of_squares
 from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.gap.forward import fitted_rows, residuals, spans
+from piezo_stack_sim.gap.forward import fitted_rows, residuals, simulate_channels, spans
 from piezo_stack_sim.gap.lens import Lens, plain
 from piezo_stack_sim.gap.nominal import Nuisance
-from piezo_stack_sim.gap.tone import find_frequency, Line, Tone
+from piezo_stack_sim.gap.tone import find_frequency, in_step, Line, Tone
 from piezo_stack_sim.plant import Device
 
 STEPS = 6
@@ -174,9 +174,28 @@ class Fitter:
         for i in range(len(self.evidence.tracks)):
             effects = {name: dict(values) for name, values in fit.effects.items()}
             if fit.line is not None:
-                effects[TONE]['phase'] = fit.line.phases.get(i, 0.0)
+                effects[TONE].update(fit.line.values(i))
             devices.append(self.device_with(effects, fit.phi))
         return devices
+
+    def in_step(self, fit: Fit, parallel: Callable) -> Fit:
+        """Return a fit whose line, if it has one, is as all rows tell it, not averaged ones."""
+        if fit.line is None:
+            return fit
+
+        def simulated(given):
+            return parallel(lambda pair: simulate_channels(*pair), zip(
+                self.devices_of(given), [track.recording for track in self.evidence.tracks]))
+
+        others = {name: values for name, values in fit.effects.items() if name != TONE}
+        line = in_step(fit.line, self.evidence,
+                       simulated(replace(fit, effects=others, line=None)))
+        fit = replace(fit, effects={**others, TONE: {**fit.effects[TONE], **line.values()}},
+                      line=line)
+        shown = simulated(fit)
+        return replace(fit, view=None, residual=np.concatenate([
+            self.evidence.tracks[i].weighted(channel, shown[i][channel])
+            for i, channel in self.evidence.keys]))
 
     def prepare(self, parallel) -> None:
         """Take the derivative with respect to the nominal parameters, over all cores."""
@@ -392,8 +411,7 @@ class Fitter:
         values, line = self._values(effects, free, end.walk), None
         if tone is not None:
             line, _ = tone.match(self._residual(effects, free, end.walk, end.phi))
-            values[TONE].update(displacement=float(line.amplitudes[0]),
-                                phase=next(iter(line.phases.values()), 0.0))
+            values[TONE].update(line.values())
         return Fit(values, end.phi, end.residual, end.cost, free, end.walk, end.effect,
                    end.nominal, end.simulations, line=line)
 

@@ -10,6 +10,7 @@ read off the residual of the displacement instead.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ HARMONICS = (1, 2)
 SLOWEST = 4.0  # periods that a recording must hold to tell the amplitude
 PEAKS = 4  # peaks of each spectrum that are looked at more closely
 FINE = 400  # places between two lines of the longest recording's spectrum
+PADDED = 16  # times the length to which all rows are padded, so that no line falls between
 ANGLES = 2.0 * np.pi * np.arange(360) / 360.0  # phases tried where hardly a period is held
 
 
@@ -32,12 +34,21 @@ class Line:
     A line as matched to a residual.
 
     ``amplitudes`` (2,) of the fundamental and its second harmonic in m, ``phases``
-    (K,) of the fundamental in each recording, in rad at its first row.
+    by recording those of both (2,) in rad at its first row.
     """
 
     frequency: float
     amplitudes: np.ndarray
-    phases: dict[int, float]
+    phases: dict[int, np.ndarray]
+
+    def values(self, recording: int | None = None) -> dict[str, float]:
+        """Return the parameters of the effect, with the phases of one recording: of the first."""
+        first = next(iter(self.phases.values()), np.zeros(len(HARMONICS)))
+        phases = first if recording is None else self.phases.get(
+            recording, np.zeros(len(HARMONICS)))
+        return {'frequency': self.frequency,
+                'displacement': float(self.amplitudes[0]), 'phase': float(phases[0]),
+                'harmonic': float(self.amplitudes[1]), 'harmonic_phase': float(phases[1])}
 
 
 class Tone:
@@ -84,14 +95,14 @@ class Tone:
                 totals += powers * np.hypot(*pairs.T)
                 weights += powers
         amplitudes = totals / np.maximum(weights, 1e-300)
-        phases: dict[int, float] = {}
+        phases: dict[int, np.ndarray] = {}
         for i, where, waves, square, along, pairs, holds in found:
             angles = np.arctan2(pairs[:, 1], pairs[:, 0])
             if not holds:
                 angles = _phases(square, along, amplitudes)
             left[where] -= waves @ (amplitudes * np.array([np.cos(angles), np.sin(angles)])
                                     ).T.ravel()
-            phases[i] = float(angles[0])
+            phases[i] = angles
         return Line(self.frequency, amplitudes, phases), left
 
 
@@ -163,3 +174,53 @@ def find_frequency(evidence: Evidence, residual: np.ndarray, rows: np.ndarray) -
         centre = max(zip(parallel(fall, tried), tried))[1]
         width = 1.5 * step
     return centre
+
+
+def in_step(line: Line, evidence: Evidence, simulated: Sequence[Mapping[str, np.ndarray]]
+            ) -> Line:
+    """
+    Return a line as all rows tell it, where averaged ones hide it.
+
+    A long recording is averaged over what may be whole periods of it: that tells neither its
+    phase there nor how exactly the frequency must be known to stay in step.
+
+    Parameters
+    ----------
+    line : Line
+        As matched to averaged rows.
+    evidence : Evidence
+        The recordings.
+    simulated : sequence of mapping of str to ndarray, shape (n,)
+        What each recording shows without the line (m).
+
+    """
+    found = {}
+    for i, (track, channels) in enumerate(zip(evidence.tracks, simulated)):
+        if CHANNEL in track.channels:
+            wrong = track.recording.measured[CHANNEL] - channels[CHANNEL]
+            found[i] = track.recording.time - track.recording.time[0], wrong - wrong.mean()
+    longest = max(float(time[-1]) for time, _ in found.values())
+    shortest = min(float(time[-1]) for time, _ in found.values())
+    tried = np.arange(line.frequency - 2.0 / shortest, line.frequency + 2.0 / shortest,
+                      0.1 / longest)
+    tried = np.append(tried[tried > 0.0], line.frequency)
+    power = np.zeros(tried.size)
+    for time, wrong in found.values():
+        frequencies = np.fft.rfftfreq(PADDED * wrong.size, float(time[-1]) / (time.size - 1))
+        power += np.interp(tried, frequencies, np.abs(np.fft.rfft(
+            wrong, PADDED * wrong.size)) ** 2 / wrong.size) / np.var(wrong)
+    best = int(np.argmax(power))
+    # Hardly more than where it was seen first is chance.
+    frequency = float(tried[best]) if power[best] > 1.02 * power[-1] else line.frequency
+    pairs, weights = {}, {}
+    for i, (time, wrong) in found.items():
+        angles = 2.0 * np.pi * frequency * np.outer(time, HARMONICS)
+        waves = np.column_stack([np.sin(angles), np.cos(angles), np.ones(time.size)])
+        sines, cosines = np.linalg.lstsq(waves, wrong, rcond=None)[0][:-1].reshape(2, -1)
+        pairs[i] = np.hypot(sines, cosines), np.arctan2(cosines, sines)
+        weights[i] = time.size / np.var(wrong) if frequency * time[-1] >= SLOWEST else 0.0
+    if not any(weights.values()):
+        return line
+    amplitudes = np.average([sizes for sizes, _ in pairs.values()], axis=0,
+                            weights=list(weights.values()))
+    return Line(frequency, amplitudes, {i: angles for i, (_, angles) in pairs.items()})
