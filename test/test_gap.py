@@ -104,7 +104,10 @@ def test_a_compliance_before_the_sensor_is_found_and_the_gap_shrinks_to_the_nois
 def test_displacement_alone_tells_the_gain_of_the_sensor_from_that_of_the_driver(diagnosed):
     answer = diagnosed({'sensor_gain': {'gain_error': 0.08}}, channels=('displacement',))
     # The driver's gain moves the hysteresis as well, the sensor's only scales what is read.
-    assert answer['ambiguity_set'] == ['sensor_gain'] == answer['selected']
+    # So does a ratio that is off by unequal amounts in its two directions; the charge would tell.
+    assert answer['ambiguity_set'] == ['sensor_gain', 'transducer_ratio']
+    assert answer['selected'] == ['sensor_gain']
+    assert 'charge' in str(answer['next_experiment'])
     assert {cause['effect']: cause for cause in answer['causes']}['amplifier_gain']['S'] < 0.995
 
 
