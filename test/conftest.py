@@ -4,7 +4,8 @@
 
 from pathlib import Path
 
-LONG = ('test_laboratory', 'test_walkthrough', 'test_documentation', 'test_soak', 'test_excite',
+LONG = ('test_laboratory', 'test_gap_strangers', 'test_walkthrough', 'test_documentation',
+        'test_gap', 'test_gap_terminals', 'test_soak', 'test_excite', 'test_gap_pairs',
         'test_node_startup', 'test_challenge_forms', 'test_diagnose_many', 'test_identify')
 
 
