@@ -12,19 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.gap.forward import spans
+from scipy.signal import zoom_fft
 
 CHANNEL = 'displacement'
 HARMONICS = (1, 2)
 SLOWEST = 4.0  # periods that a recording must hold to tell the amplitude
 PEAKS = 4  # peaks of each spectrum that are looked at more closely
 FINE = 400  # places between two lines of the longest recording's spectrum
-PADDED = 16  # times the length to which all rows are padded, so that no line falls between
+SHARP = 0.1  # of a line of the longest recording's spectrum: how exact a frequency ends
 ANGLES = 2.0 * np.pi * np.arange(360) / 360.0  # phases tried where hardly a period is held
 
 
@@ -41,11 +43,10 @@ class Line:
     amplitudes: np.ndarray
     phases: dict[int, np.ndarray]
 
-    def values(self, recording: int | None = None) -> dict[str, float]:
-        """Return the parameters of the effect, with the phases of one recording: of the first."""
+    def values(self, recording: int = 0) -> dict[str, float]:
+        """Return the parameters of the effect, with the phases of one recording or the first."""
         first = next(iter(self.phases.values()), np.zeros(len(HARMONICS)))
-        phases = first if recording is None else self.phases.get(
-            recording, np.zeros(len(HARMONICS)))
+        phases = self.phases.get(recording, first)
         return {'frequency': self.frequency,
                 'displacement': float(self.amplitudes[0]), 'phase': float(phases[0]),
                 'harmonic': float(self.amplitudes[1]), 'harmonic_phase': float(phases[1])}
@@ -179,10 +180,11 @@ def find_frequency(evidence: Evidence, residual: np.ndarray, rows: np.ndarray) -
 def in_step(line: Line, evidence: Evidence, simulated: Sequence[Mapping[str, np.ndarray]]
             ) -> Line:
     """
-    Return a line as all rows tell it, where averaged ones hide it.
+    Return a line as the single rows tell it, where averaged ones hide it.
 
     A long recording is averaged over what may be whole periods of it: that tells neither its
-    phase there nor how exactly the frequency must be known to stay in step.
+    phase there nor how exactly the frequency must be known to stay in step.  Rows that are
+    withheld from a fit have no say here either.
 
     Parameters
     ----------
@@ -197,30 +199,38 @@ def in_step(line: Line, evidence: Evidence, simulated: Sequence[Mapping[str, np.
     found = {}
     for i, (track, channels) in enumerate(zip(evidence.tracks, simulated)):
         if CHANNEL in track.channels:
-            wrong = track.recording.measured[CHANNEL] - channels[CHANNEL]
-            found[i] = track.recording.time - track.recording.time[0], wrong - wrong.mean()
-    longest = max(float(time[-1]) for time, _ in found.values())
-    shortest = min(float(time[-1]) for time, _ in found.values())
-    tried = np.arange(line.frequency - 2.0 / shortest, line.frequency + 2.0 / shortest,
-                      0.1 / longest)
-    tried = np.append(tried[tried > 0.0], line.frequency)
-    power = np.zeros(tried.size)
-    for time, wrong in found.values():
-        frequencies = np.fft.rfftfreq(PADDED * wrong.size, float(time[-1]) / (time.size - 1))
-        power += np.interp(tried, frequencies, np.abs(np.fft.rfft(
-            wrong, PADDED * wrong.size)) ** 2 / wrong.size) / np.var(wrong)
-    best = int(np.argmax(power))
-    # Hardly more than where it was seen first is chance.
-    frequency = float(tried[best]) if power[best] > 1.02 * power[-1] else line.frequency
+            seen = np.repeat(track.fitted, track.factor)
+            wrong = (track.recording.measured[CHANNEL] - channels[CHANNEL])[:seen.size]
+            time = track.recording.time[:seen.size] - track.recording.time[0]
+            found[i] = time, wrong - wrong[seen].mean(), seen
+    frequency = _sharpened(line.frequency, list(found.values()))
     pairs, weights = {}, {}
-    for i, (time, wrong) in found.items():
-        angles = 2.0 * np.pi * frequency * np.outer(time, HARMONICS)
-        waves = np.column_stack([np.sin(angles), np.cos(angles), np.ones(time.size)])
-        sines, cosines = np.linalg.lstsq(waves, wrong, rcond=None)[0][:-1].reshape(2, -1)
+    for i, (time, wrong, seen) in found.items():
+        angles = 2.0 * np.pi * frequency * np.outer(time[seen], HARMONICS)
+        waves = np.column_stack([np.sin(angles), np.cos(angles), np.ones(len(angles))])
+        sines, cosines = np.linalg.lstsq(waves, wrong[seen], rcond=None)[0][:-1].reshape(2, -1)
         pairs[i] = np.hypot(sines, cosines), np.arctan2(cosines, sines)
-        weights[i] = time.size / np.var(wrong) if frequency * time[-1] >= SLOWEST else 0.0
+        weights[i] = len(angles) / np.var(wrong) if frequency * time[-1] >= SLOWEST else 0.0
     if not any(weights.values()):
         return line
     amplitudes = np.average([sizes for sizes, _ in pairs.values()], axis=0,
                             weights=list(weights.values()))
     return Line(frequency, amplitudes, {i: angles for i, (_, angles) in pairs.items()})
+
+
+def _sharpened(frequency: float, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
+    """Return where near a frequency (Hz) time, residual and what may be seen of it peak."""
+    lengths = [float(time[-1]) for time, *_ in found]
+    low = max(frequency - 2.0 / min(lengths), 0.0)
+    high = frequency + 2.0 / min(lengths)
+    count = math.ceil((high - low) * max(lengths) / SHARP)
+    power = np.zeros(count)
+    for time, wrong, seen in found:
+        power += np.abs(zoom_fft(np.where(seen, wrong, 0.0), [low, high], count,
+                                 fs=(time.size - 1) / time[-1])) ** 2 / (
+            time.size * np.var(wrong))
+    tried = np.linspace(low, high, count, endpoint=False)
+    best = int(np.argmax(power))
+    # Hardly more than where it was seen first is chance.
+    before = power[np.argmin(np.abs(tried - frequency))]
+    return float(tried[best]) if power[best] > 1.02 * before else frequency
