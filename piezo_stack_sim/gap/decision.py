@@ -57,6 +57,11 @@ class Decision:
         """Return the fit of what was selected; the nominal one if nothing was."""
         return search.correction(self.name) if self.name else search.nominal
 
+    def corrected(self, fitter: Fitter, search: Search, chosen: Fit) -> Decision:
+        """Return the same with scores of what is selected by a better fit, kept in ``search``."""
+        search.corrected[self.name] = chosen
+        return replace(self, singles=_singles(fitter, search, self.judge, self.removable))
+
 
 class Removable:
     """How much of the gap of a set a residual has left, all channels together."""

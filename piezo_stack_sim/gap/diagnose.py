@@ -127,9 +127,10 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
     decision = doubted(fitter, search, decision, thresholds)
-    verdict, chosen = decision.verdict, fitter.in_step(decision.chosen(search), parallel)
-    if decision.name:
-        search.corrected[decision.name] = chosen
+    verdict, chosen = decision.verdict, decision.chosen(search)
+    better = fitter.in_step(chosen, parallel)
+    if better is not chosen:
+        decision, chosen = decision.corrected(fitter, search, better), better
     progress('writing it up')
     devices = fitter.devices_of(chosen)
     after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))

@@ -179,7 +179,7 @@ class Fitter:
         return devices
 
     def in_step(self, fit: Fit, parallel: Callable) -> Fit:
-        """Return a fit whose line, if it has one, is as single rows tell it, not averaged ones."""
+        """Return a fit with its line as single rows tell it, not averaged ones; itself if none."""
         if fit.line is None:
             return fit
 
