@@ -10,9 +10,10 @@ from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.candidates import (
-    _from_relatives, is_idle, Probe, Search, search_singles, tune)
+    _from_relatives, _settles, is_idle, Probe, Search, search_singles, tune)
 from piezo_stack_sim.gap.descent import _bounded_step, descend, Landscape
 from piezo_stack_sim.gap.fit import _inverse, Fit
+from piezo_stack_sim.gap.forward import followed, residuals, simulate_set, spans
 from piezo_stack_sim.gap.nominal import Nuisance
 from piezo_stack_sim.gap.starts import extent_of, starts_of
 from piezo_stack_sim.plant import Device, simulate
@@ -165,6 +166,39 @@ def test_a_sharp_resonance_beside_a_late_sensor_is_seen_from_close_by(device, fr
     found = found.effects['mechanical_resonance']
     assert found['frequency'] == pytest.approx(frequency, rel=0.01)
     assert found['participation'] < -0.1
+
+
+@pytest.mark.parametrize('frequency', [230.0, 900.0, 3300.0])
+def test_a_resonance_that_only_follows_is_looked_at_without_simulating_it(device, frequency):
+    # In rows that are further apart than the stack needs to follow, and in such that are not.
+    fitter = fitter_of(device, device, (programmes.multisine(), programmes.decay(),
+                                        programmes.steps()), np.random.default_rng(4))
+    mode = {'participation': 0.1, 'frequency': frequency, 'damping_ratio': 0.03}
+    shown = simulate_set(device, [track.recording for track in fitter.evidence.tracks])
+    told = followed(fitter.evidence, shown, EFFECTS['mechanical_resonance'].answer(**mode),
+                    _settles(fitter))
+    true = residuals(device.with_effects({'mechanical_resonance': mode}), fitter.evidence)
+    true = true - fitter.base
+    # The direction tells, and not its length.
+    for where in [slice(None), *(where for (_, channel), where in zip(
+            fitter.evidence.keys, spans(fitter.evidence)) if channel == 'displacement')]:
+        assert told[where] @ true[where] > 0.95 * np.linalg.norm(
+            told[where]) * np.linalg.norm(true[where])
+    assert not any(np.any(told[where]) for (_, channel), where in zip(
+        fitter.evidence.keys, spans(fitter.evidence)) if channel == 'charge')
+
+
+def test_of_a_ladder_of_masses_those_near_the_right_one_are_looked_at(device):
+    # Every third at first: a resonance that is moved is seen from further away than that.
+    mass = EFFECTS['added_mass'].parameters[0].tries[19]
+    fitter = fitter_of(device, device.with_effects({'added_mass': {
+        'mass': mass, 'joint_frequency': 6e4}}), (
+            programmes.multisine(), programmes.triangle()), np.random.default_rng(4))
+    search = search_singles(fitter, lambda message: None, ('added_mass', 'sensor_lag'))
+    looked_at = [probe.look.shape['mass'] for probe in search.probes['added_mass']]
+    assert len(looked_at) < 0.6 * len(EFFECTS['added_mass'].parameters[0].tries)
+    assert search.probes['added_mass'][0].look.shape['mass'] == mass
+    assert search.fits['added_mass'].effects['added_mass']['mass'] == pytest.approx(mass, rel=0.01)
 
 
 @pytest.mark.parametrize('part', [0.3, 0.66, 0.9])

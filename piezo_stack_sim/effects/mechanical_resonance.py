@@ -32,6 +32,13 @@ def apply(model, participation, frequency, damping_ratio):
     model.fast_rates.append(omega)
 
 
+def answer(participation, frequency, damping_ratio):
+    """Return the transfer function from the displacement to what is added to the reading."""
+    omega = 2.0 * math.pi * frequency
+    loss = 2.0 * damping_ratio * omega
+    return (-participation, -participation * loss, 0.0), (1.0, loss, omega ** 2)
+
+
 EFFECT = Effect(
     'mechanical_resonance', 'mechanical',
     'The structure swings at a frequency of its own between the stack and the sensor.',
@@ -42,4 +49,4 @@ EFFECT = Effect(
         Parameter('damping_ratio', '1', 0.03, 0.002, 0.3, 0.03, 'damping ratio, Q = 1/(2 zeta)',
                   scale='log', magnitude=False, default=0.03),
     ),
-    apply, channels=('displacement',))
+    apply, channels=('displacement',), answer=answer)

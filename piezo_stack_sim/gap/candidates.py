@@ -9,7 +9,7 @@ linear look, which places are worth a whole fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import itertools
 import math
@@ -23,10 +23,12 @@ from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.descent import WIDE
 from piezo_stack_sim.gap.evidence import quieter, reweigh
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS, TONE
-from piezo_stack_sim.gap.forward import simulate_channels
+from piezo_stack_sim.gap.forward import followed, simulate_channels, simulate_set
 from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
 from piezo_stack_sim.gap.swings import FALLEN, find_history
+from piezo_stack_sim.plant.analysis import natural_frequency, open_stiffness
 
+LADDER, COARSE = 30, 3  # places from which a row of them is looked at by every third at first
 PLACES = 2  # places of an effect from which a fit sets out
 SWUNG_PLACES = 4  # and of one that is a history of swings, from which those are searched
 OUTDONE = 0.95  # part of the cost of an effect with which its relative shows it where to start
@@ -132,16 +134,25 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     search = Search(tune(fitter))
     nominal = search.nominal
     extent = extent_of(fitter.evidence, fitter.base)
-    jobs = [(name, place) for name in names
-            for place in ([Place({}, {})] if name == TONE else starts_of(EFFECTS[name], extent))]
+    places = {name: [Place({}, {})] if name == TONE else starts_of(EFFECTS[name], extent)
+              for name in names}
+    shown: list[dict[str, np.ndarray]] = []
+    if any(EFFECTS[name].answer for name in names):
+        shown = simulate_set(fitter.device_with({}, nominal.phi),
+                             [track.recording for track in fitter.evidence.tracks])
 
     def probe(job):
-        name, place = job
-        return _probe(fitter, name, place, nominal)
+        name, i = job
+        return i, _probe(fitter, name, places[name][i], nominal, shown)
 
     progress('looking at every effect')
-    for probe_ in parallel(probe, jobs):
-        search.probes.setdefault(probe_.effect, []).append(probe_)
+    found: dict[str, dict[int, Probe]] = {name: {} for name in names}
+    for jobs in (lambda: [(name, i) for name in names for i in _coarse(places[name])],
+                 lambda: [(name, i) for name in names for i in _fine(places[name], found[name])]):
+        for i, probe_ in parallel(probe, jobs()):
+            found[probe_.effect][i] = probe_
+    for name, looked_at in found.items():
+        search.probes[name] = [looked_at[i] for i in sorted(looked_at)]
     swung = [p for name, probes in search.probes.items() if EFFECTS[name].swings
              for p in _distinct(probes)[:SWUNG_PLACES]]
     for probe_ in parallel(lambda p: _led(fitter, p, nominal), swung):
@@ -164,6 +175,25 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     _race(fitter, search, rivals, STEPS)
     polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
     return search
+
+
+def _coarse(places: list[Place]) -> range:
+    """Return which places of an effect are looked at first: of a long ladder every third."""
+    return range(0, len(places), COARSE if _is_ladder(places) else 1)
+
+
+def _fine(places: list[Place], looked_at: Mapping[int, Probe]) -> list[int]:
+    """Return which others then: those of a ladder near the two that promise most."""
+    if not _is_ladder(places):
+        return []
+    best = sorted(looked_at, key=lambda i: -looked_at[i].order)[:PLACES]
+    near = {i + step for i in best for step in range(1 - COARSE, COARSE)}
+    return sorted(i for i in near if 0 <= i < len(places) and i not in looked_at)
+
+
+def _is_ladder(places: list[Place]) -> bool:
+    """Tell whether places lie in a row, many of them, and each must be simulated."""
+    return len(places) > LADDER and not any(place.strengths for place in places)
 
 
 def times_of(names: Collection[str]) -> dict[str, str]:
@@ -359,14 +389,18 @@ def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:
          for name, probes in search.probes.items()})
 
 
-def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit) -> Probe:
+def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit,
+           shown: Sequence[dict[str, np.ndarray]]) -> Probe:
     if name == TONE:
         return probe_tone(fitter, {}, nominal)
     # The nominal parameters may have stood in for what is not merely scaled: it is looked at
     # where the file has them, and they may answer.
     filed = np.zeros_like(nominal.phi)
     phi, before = (nominal.phi, nominal.residual) if place.strengths else (filed, fitter.base)
-    moved = [fitter.residual_of({name: values}, phi) for values in place.looks]
+    follows = EFFECTS[name].answer if place.strengths else None
+    moved = [fitter.residual_of({name: values}, phi) if follows is None
+             else before + followed(fitter.evidence, shown, follows(**values), _settles(fitter))
+             for values in place.looks]
     directions = np.column_stack([m - before for m in moved])
     if not np.isfinite(directions).all() or np.abs(directions).max() > 1e9:
         return Probe(name, place.looks[0], None)
@@ -382,6 +416,11 @@ def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit) -> Probe:
     # Where it fits as it stands, a line from no effect at all tells nothing better.
     there = place.at(EFFECTS[name], factors) if gain > falls[best] else place.looks[best]
     return Probe(name, there, directions, promise, promise, place)
+
+
+def _settles(fitter: Fitter) -> float:
+    """Return the time (s) in which the stack follows a command: half a period of its own."""
+    return 0.5 / natural_frequency(fitter.device, open_stiffness(fitter.device))
 
 
 def _led(fitter: Fitter, probe: Probe, nominal: Fit) -> Probe:

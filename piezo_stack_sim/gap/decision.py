@@ -24,8 +24,8 @@ from piezo_stack_sim.gap.pairs import (
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power
 from piezo_stack_sim.gap.second import (
-    are_two_of_a_kind, is_beyond_form, rivals_beside_mended, rivals_of, second_explains,
-    stands_clear)
+    are_two_of_a_kind, is_beyond_form, is_relative, rivals_beside_mended, rivals_of,
+    second_explains, stands_clear)
 from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verdict
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
@@ -219,7 +219,8 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
     for base in bases:
         if base.name not in search.asked and max(base.gain, base.removed) > 0.0:
             search_partners(fitter, search, base.name, progress, names)
-            exchange(fitter, search, progress, names)
+            if best.removed < thresholds.certain:
+                exchange(fitter, search, progress, names)
     if search.bases:
         polish_pairs(fitter, search)
     # What leaves hardly anything, or least, is asked what each of the two does alone.
@@ -231,7 +232,9 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
             add_pair(fitter, search, search.fits[name].effects, search.fits[name].phi)
     search_mended(fitter, search, progress, names)
     for name in leading_pairs(fitter, search, 1):
-        exchange_alike(fitter, search, name, alike.resembling, progress)
+        # A relative of who is certain only fills in its form: of that, another would do the same.
+        if best.removed < thresholds.certain or not is_relative(best.name, name, alike.kin):
+            exchange_alike(fitter, search, name, alike.resembling, progress)
 
 
 def _without_colour(fitter: Fitter, search: Search, judge: Judge) -> float:

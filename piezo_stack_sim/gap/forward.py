@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter
 
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
@@ -68,6 +69,48 @@ def residuals_of(evidence: Evidence, simulated: Sequence[dict[str, np.ndarray]])
     return np.concatenate([track.weighted(channel, answer[channel])
                            for track, answer in zip(evidence.tracks, simulated)
                            for channel in track.channels])
+
+
+def followed(evidence: Evidence, simulated: Sequence[dict[str, np.ndarray]],
+             answer: tuple[Sequence[float], Sequence[float]], settles: float) -> np.ndarray:
+    """
+    Return how the residual changes by what only follows the displacement, without simulating it.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        The recordings.
+    simulated : sequence of dict
+        What each recording shows without: channel to (n,).
+    answer : pair of sequences of float
+        Transfer function from the displacement to what is added to its reading: numerator and
+        denominator, falling powers of s.
+    settles : float
+        Time (s) in which the stack follows a command.  Between rows further apart the displacement
+        is taken for that of the later, which it is soon after the command; else for straight.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        In the order of ``evidence.keys``.
+
+    """
+    def change(key):
+        i, channel = key
+        track, values = evidence.tracks[i], simulated[i][channel]
+        if channel != 'displacement':
+            return np.zeros(track.measured[channel].size)
+        held = track.recording.period > settles
+        numerator, denominator, _ = cont2discrete(
+            answer, track.recording.period, 'zoh' if held else 'foh')
+        numerator = np.ravel(numerator)
+        ahead = np.append(values[1:], values[-1]) if held else values
+        added = lfilter(numerator, denominator, ahead - values[0])
+        # What is felt at once is of the row itself.
+        added += numerator[0] * (values - ahead)
+        return track.weighted(channel, values + added) - track.weighted(channel, values)
+
+    return np.concatenate([change(key) for key in evidence.keys])
 
 
 def spans(evidence: Evidence) -> list[slice]:

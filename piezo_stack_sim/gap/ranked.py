@@ -59,6 +59,7 @@ class Thresholds:
     as_likely: float = 0.1  # probability, against the best pair, from which a pair ties with it
     alike_pair: float = 0.08  # part of what pairs explain by which the form may mislead
     shade: float = 0.5  # part of what a relative of the first leaves above which a pair is like it
+    certain: float = 0.99  # part removed by one effect from which it stands for no other
     leftover: float = 0.25  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold
     together: float = 0.05  # probability, against the best, from which an effect is in the set

@@ -188,8 +188,13 @@ def are_relatives(best: Ranked, pair: Ranked, kin: Collection[frozenset[str]]) -
         mended = frozenset(pair.beside.name.split('+'))
         return any(frozenset((first, second)) in kin or second in EFFECTS[first].form_like
                    for first in mended for second in names - mended)
-    return names in kin or best.name in names and not names.isdisjoint(
-        EFFECTS[best.name].form_like)
+    return is_relative(best.name, pair.name, kin)
+
+
+def is_relative(first: str, pair: str, kin: Collection[frozenset[str]]) -> bool:
+    """Tell whether the two of a pair resemble each other, or one the form of a first."""
+    names = frozenset(pair.split('+'))
+    return names in kin or first in names and not names.isdisjoint(EFFECTS[first].form_like)
 
 
 def is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds,
