@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.recording import Recording
+from scipy.signal import cont2discrete, lfilter
 
 
 @dataclass(frozen=True, eq=False, repr=False)
