@@ -199,6 +199,10 @@ def test_pairs_that_do_as_well_where_they_act_are_told_by_all_rows(stop_and_dela
     ({'excess': 0.05, 'removed': 0.9995}, 'MULTIPLE'),
     ({'excess': 2.0, 'removed': 0.9995}, 'CAUSE'),
     ({'excess': 0.05, 'removed': 0.99}, 'CAUSE'),
+    # Or less than a hundredth of that power, if it explains most of what it touches.
+    ({'excess': 0.5, 'removed': 0.9995, 'part': 0.7}, 'MULTIPLE'),
+    ({'excess': 0.7, 'removed': 0.9995, 'part': 0.7}, 'CAUSE'),
+    ({'excess': 0.5, 'removed': 0.9995}, 'CAUSE'),
     # Or it shows where the first hardly acts.
     ({'clear': 200.0, 'clear_part': 0.7}, 'MULTIPLE'),
     ({'clear': 200.0, 'clear_part': 0.6}, 'CAUSE'),

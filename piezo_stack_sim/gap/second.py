@@ -99,15 +99,17 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     Tell whether two that resemble each other are both needed.
 
     A relative fills in what the form of the first misses, but not to the noise where that is
-    loud, nor most of what is left where the first hardly acts.  Unless it is known to be just
-    what that form misses.
+    loud, nor to a hundredth where that is far from it, nor most of what is left where the first
+    hardly acts.  Unless it is known to be just what that form misses.
     """
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.formed < pair.form < math.inf
             and pair.wrong < t.misformed and are_relatives(best, pair, kin)
             and not _fills_in(one, other) and not _fills_in(other, one)):
         return False
-    silences = (best.excess > t.heard and pair.excess < t.excess
+    quiet = pair.excess < t.excess or (
+        pair.excess < t.hushes * best.excess and pair.part > t.relative_part)
+    silences = (best.excess > t.heard and quiet
                 and 1.0 - pair.removed < t.completes * (1.0 - best.removed))
     return silences or (pair.clear > t.relative_clear
                         and pair.clear_part > t.relative_clear_part)
