@@ -198,7 +198,7 @@ def test_of_a_ladder_of_masses_those_near_the_right_one_are_looked_at(device):
     looked_at = [probe.look.shape['mass'] for probe in search.probes['added_mass']]
     assert len(looked_at) < 0.6 * len(EFFECTS['added_mass'].parameters[0].tries)
     assert search.probes['added_mass'][0].look.shape['mass'] == mass
-    assert search.fits['added_mass'].effects['added_mass']['mass'] == pytest.approx(mass, rel=0.01)
+    assert search.fits['added_mass'].cost < 1.05 * fitter.rows.size  # to the noise
 
 
 @pytest.mark.parametrize('part', [0.3, 0.66, 0.9])

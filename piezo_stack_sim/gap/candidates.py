@@ -28,7 +28,7 @@ from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
 from piezo_stack_sim.gap.swings import FALLEN, find_history
 from piezo_stack_sim.plant.analysis import natural_frequency, open_stiffness
 
-LADDER, COARSE = 30, 3  # places from which a row of them is looked at by every third at first
+LONG, COARSE = 30, 3  # places of a ladder from which every third is looked at first
 PLACES = 2  # places of an effect from which a fit sets out
 SWUNG_PLACES = 4  # and of one that is a history of swings, from which those are searched
 OUTDONE = 0.95  # part of the cost of an effect with which its relative shows it where to start
@@ -147,9 +147,9 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
 
     progress('looking at every effect')
     found: dict[str, dict[int, Probe]] = {name: {} for name in names}
-    for jobs in (lambda: [(name, i) for name in names for i in _coarse(places[name])],
-                 lambda: [(name, i) for name in names for i in _fine(places[name], found[name])]):
-        for i, probe_ in parallel(probe, jobs()):
+    for choose in (_coarse, _fine):
+        jobs = [(name, i) for name in names for i in choose(places[name], found[name])]
+        for i, probe_ in parallel(probe, jobs):
             found[probe_.effect][i] = probe_
     for name, looked_at in found.items():
         search.probes[name] = [looked_at[i] for i in sorted(looked_at)]
@@ -177,12 +177,12 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     return search
 
 
-def _coarse(places: list[Place]) -> range:
+def _coarse(places: list[Place], looked_at: Mapping[int, Probe]) -> Collection[int]:
     """Return which places of an effect are looked at first: of a long ladder every third."""
     return range(0, len(places), COARSE if _is_ladder(places) else 1)
 
 
-def _fine(places: list[Place], looked_at: Mapping[int, Probe]) -> list[int]:
+def _fine(places: list[Place], looked_at: Mapping[int, Probe]) -> Collection[int]:
     """Return which others then: those of a ladder near the two that promise most."""
     if not _is_ladder(places):
         return []
@@ -192,8 +192,12 @@ def _fine(places: list[Place], looked_at: Mapping[int, Probe]) -> list[int]:
 
 
 def _is_ladder(places: list[Place]) -> bool:
-    """Tell whether places lie in a row, many of them, and each must be simulated."""
-    return len(places) > LADDER and not any(place.strengths for place in places)
+    """Tell whether many places differ by one number alone, and each must be simulated."""
+    if len(places) < LONG or any(place.strengths for place in places):
+        return False
+    differing = [name for name in places[0].shape
+                 if len({place.shape[name] for place in places}) > 1]
+    return len(differing) == 1
 
 
 def times_of(names: Collection[str]) -> dict[str, str]:
