@@ -220,6 +220,8 @@ def test_relatives_are_both_needed_where_neither_fills_in_for_the_other(numbers,
     assert verdict.word == word
     if word == 'MULTIPLE':
         assert rivals_of(pair.name, singles[0], [pair], DEFAULTS, kin) == [pair]
+    if 'removed' in numbers and word == 'MULTIPLE':
+        assert 'removes 97 %' in verdict.reason and '99.95 %' in verdict.reason
 
 
 def test_what_an_effect_says_its_form_leaves_out_is_no_second_of_its_kind():

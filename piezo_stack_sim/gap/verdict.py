@@ -406,7 +406,9 @@ def _weights(pairs: list[Ranked], t: Thresholds) -> dict[Ranked, float]:
 
 
 def _percent(part: float) -> str:
-    return f'{100.0 * min(max(part, 0.0), 1.0):.0f} %'
+    percent = 100.0 * min(max(part, 0.0), 1.0)
+    # Where two leave a hundredth of what one does, both would round to all of it.
+    return f'{percent:.2f} %' if 99.5 <= percent < 99.995 else f'{percent:.0f} %'
 
 
 def tie_of(singles, chance, classes, t: Thresholds) -> tuple[str, ...]:
