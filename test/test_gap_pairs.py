@@ -191,8 +191,25 @@ def test_where_no_one_explains_most_partners_are_looked_for_beside_the_next_othe
     assert asked_for_partners(monkeypatch, evidence, singles, resembling) == asked
 
 
-def asked_for_partners(monkeypatch, evidence, singles, resembling=frozenset()):
-    """Return the effects beside which others are looked for, in order."""
+@pytest.mark.parametrize('left, asked', [
+    # The loudest recording is left at 500 times the noise by the best alone.
+    (0.1, ['sensor_lag']),  # noise
+    (4.0, ['sensor_lag']),  # a hundredth of that
+    (40.0, ['sensor_lag', 'amplifier_saturation'])])
+def test_beside_no_other_are_partners_looked_for_once_two_leave_next_to_nothing(
+        monkeypatch, evidence, left, asked):
+    quiet = Ranked('sensor_lag', 2000.0, 0.05, 1, 0.7, 500.0)
+    second = Ranked('amplifier_saturation', 300.0, 0.95, 1, 0.4, 90.0)
+    monkeypatch.setattr(decision, 'leading_pairs', lambda fitter, search, most: list(search.fits))
+    assert asked_for_partners(monkeypatch, evidence, [quiet, second], found=left) == asked
+
+
+def asked_for_partners(monkeypatch, evidence, singles, resembling=frozenset(), found=None):
+    """
+    Return the effects beside which others are looked for, in order.
+
+    Beside each the same pair is found that leaves ``found`` times the noise power, if any.
+    """
     search = SimpleNamespace(bases={}, asked=set(), fits={},
                              nominal=SimpleNamespace(residual=np.ones(9)))
     bases = []
@@ -200,15 +217,21 @@ def asked_for_partners(monkeypatch, evidence, singles, resembling=frozenset()):
     def partners(fitter, search, base, *rest):
         bases.append(base)
         search.asked.add(base)
+        if found is not None:
+            search.fits['one+other'] = SimpleNamespace(residual=None, effects={}, phi=None)
 
     monkeypatch.setattr(decision, '_singles', lambda *given: singles)
-    monkeypatch.setattr(decision, 'Removable', lambda *given: None)
     monkeypatch.setattr(decision, 'search_partners', partners)
     monkeypatch.setattr(decision, 'exchange', lambda *given: None)
     monkeypatch.setattr(decision, 'polish_pairs', lambda *given: None)
     monkeypatch.setattr(decision, 'search_mended', lambda *given: None)
-    decision.search_pairs(None, search, SimpleNamespace(evidence=evidence), DEFAULTS, None,
-                          SimpleNamespace(resembling=resembling))
+    monkeypatch.setattr(decision, 'add_pair', lambda *given: None)
+    monkeypatch.setattr(decision, 'exchange_alike', lambda *given: None)
+    removable = SimpleNamespace(share=lambda residual: 1.0)
+    monkeypatch.setattr(decision, 'Removable', lambda *given: removable)
+    judge = SimpleNamespace(evidence=evidence, structure=lambda residual: found)
+    decision.search_pairs(None, search, judge, DEFAULTS, None,
+                          SimpleNamespace(resembling=resembling, kin=resembling))
     return bases
 
 

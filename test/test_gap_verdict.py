@@ -82,6 +82,21 @@ def test_relatives_are_left_open_where_one_channel_was_measured():
     assert decide([poor, none], [], 0.7, 50.0, groups).tie == ('a',)
 
 
+@pytest.mark.parametrize('second, word', [
+    ('stiffness_hardening', 'CAUSE'),  # a flexure that grows stiffer the further it is bent
+    ('transducer_ratio', 'MULTIPLE')])
+def test_what_the_form_of_a_spring_misses_is_no_second_effect_however_little_it_leaves(
+        second, word):
+    spring = Ranked('parallel_stiffness', 650.0, 0.999, 1, 0.0001, 400.0)
+    other = Ranked(second, 400.0, 0.7, 2, 0.4, 5e5)
+    # The two leave nothing but noise.
+    pair = Ranked(f'parallel_stiffness+{second}', 655.0, 0.99999, 3, 0.0001, 0.05, 1700.0, 0.8,
+                  over=1900.0, form=400.0, wrong=0.02)
+    kin = {frozenset(('parallel_stiffness', second))}
+    verdict = decide([spring, other], [pair], 0.99, 1e7, [], kin=kin)
+    assert (verdict.word, verdict.selected[0]) == (word, 'parallel_stiffness')
+
+
 @pytest.mark.parametrize('best, structure, word', [
     (Ranked('a', 500.0, 0.99, 1), 20.0, 'CAUSE'),
     (Ranked('a', 15.0, 0.96, 2), 2e4, 'CAUSE'),  # a drift: few rows, but all of the gap

@@ -8,7 +8,8 @@ A preload spring or flexure that the stack must stretch.
 The stroke falls to k_s/(k_s + stiffness), the natural frequency rises.
 
 Look-alikes: ``sensor_gain``, ``transducer_ratio``: only a spring stiffens the
-device against forces.  A capacitor C_s in series with the stack, as of a
+device against forces.  A flexure that grows stiffer the further it is bent is
+the same as a spring beside ``stiffness_hardening``.  A capacitor C_s in series with the stack, as of a
 Sawyer-Tower circuit, is the same as a spring of T^2/(C_s + C) and a ratio and capacitance
 smaller by the factor 1 + C/C_s (Eqs. 11 and 14, with q/C_s taken from the voltage):
 no channel tells it.
@@ -30,4 +31,6 @@ EFFECT = Effect(
         Parameter('stiffness', 'N/m', 0.0, 0.0, 1e9, 5e6, 'stiffness of the spring'),
     ),
     apply, channels=('charge', 'displacement'),
+    # A real flexure grows stiffer the further it is bent.
+    form_like=('stiffness_hardening',),
     twin='a capacitor in series')

@@ -217,10 +217,11 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
         bases.append(next((single for single in singles[1:] if frozenset(
             (best.name, single.name)) not in alike.resembling), best))
     for base in bases:
-        if base.name not in search.asked and max(base.gain, base.removed) > 0.0:
+        if (base.name not in search.asked and max(base.gain, base.removed) > 0.0
+                and not _hushed(fitter, search, judge, best, thresholds)):
             search_partners(fitter, search, base.name, progress, names)
-            if best.removed < thresholds.certain:
-                exchange(fitter, search, progress, names)
+    if best.removed < thresholds.certain and not _hushed(fitter, search, judge, best, thresholds):
+        exchange(fitter, search, progress, names)
     if search.bases:
         polish_pairs(fitter, search)
     # What leaves hardly anything, or least, is asked what each of the two does alone.
@@ -235,6 +236,18 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
         # A relative of who is certain only fills in its form: of that, another would do the same.
         if best.removed < thresholds.certain or not is_relative(best.name, name, alike.kin):
             exchange_alike(fitter, search, name, alike.resembling, progress)
+
+
+def _hushed(fitter: Fitter, search: Search, judge: Judge, best: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether a pair leaves next to nothing of the recording that the best leaves loudest.
+
+    Others may do as well, but then they resemble its two, which is asked later.
+    """
+    for name in leading_pairs(fitter, search, 1):
+        left = judge.structure(search.fits[name].residual)
+        return left < max(t.excess, t.hushes * best.excess)
+    return False
 
 
 def _without_colour(fitter: Fitter, search: Search, judge: Judge) -> float:

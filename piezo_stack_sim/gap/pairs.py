@@ -27,7 +27,7 @@ from piezo_stack_sim.gap.lens import Cells
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.swings import FALLEN, find_history
 
-PARTNERS = 8  # second effects that get a fit
+PARTNERS = 5  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows
 EXCHANGED, PLAIN_EXCHANGED = 3, 1  # the same beside the second effect of the best pair
 MENDED = 3  # and beside a first whose form another mends
@@ -304,7 +304,9 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
         start = starts[pair]
         return pair, _settled(forms, fitter.fit(start.effects, start.phi, PLAIN_STEPS))
 
-    for pair, fit in parallel(whole, starts):
+    # What resembles another pair, too, has been led to its end.
+    settled = {pair for pairs in search.exchanged.values() for pair in pairs}
+    for pair, fit in parallel(whole, [pair for pair in starts if pair not in settled]):
         if forms.better(fit, search.fits.get(pair)):
             search.fits[pair] = fit
     search.exchanged[asked] = list(starts)
