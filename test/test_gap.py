@@ -13,7 +13,7 @@ from piezo_stack_sim.gap.bursts import suspect_bursts, suspect_jumps
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_heat, suspect_play
 from piezo_stack_sim.gap.evidence import of_any_colour, prepare, quieter, reweigh
-from piezo_stack_sim.gap.fit import Fitter, free_parameters
+from piezo_stack_sim.gap.fit import Fit, Fitter, free_parameters
 from piezo_stack_sim.gap.forward import residuals, simulate_set
 from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
@@ -636,3 +636,10 @@ def test_what_is_absent_is_not_stuck_and_what_lies_at_a_bound_is():
         'added_mass', {'mass': 0.05, 'joint_frequency': 5e4})}['joint_frequency']
     assert held.stuck(held.parameter.upper) is None
     assert held.stuck(held.parameter.lower) == 'lower'
+
+
+@pytest.mark.parametrize('stiffness, stuck', [(1e6, False), (1e5, True)])
+def test_a_fit_is_stuck_where_one_of_its_numbers_is(stiffness, stuck):
+    stop = EFFECTS['contact'].values({'gap': 5e-6, 'stiffness': stiffness})
+    fit = Fit({'contact': stop}, np.zeros(5), np.zeros(9), 0.0, free_parameters('contact', stop))
+    assert fit.is_stuck == stuck

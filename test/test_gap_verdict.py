@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from piezo_stack_sim.gap.decision import _simpler
 from piezo_stack_sim.gap.isolability import Alike
 from piezo_stack_sim.gap.ranked import Ranked
-from piezo_stack_sim.gap.verdict import decide, outscored, probabilities
+from piezo_stack_sim.gap.verdict import decide, outscored, probabilities, tie_pairs
 import pytest
 
 
@@ -52,6 +52,32 @@ def test_of_two_that_do_equally_well_the_one_with_fewer_numbers_is_named_first()
     # The better form counts for more than fewer numbers.
     worse = Ranked('parallel_stiffness', 970.0, 0.97, 2)
     assert decide([stop, worse], [], 0.999, 50.0, []).selected == ('contact',)
+
+
+def test_who_would_go_on_beyond_its_bounds_is_less_likely_than_who_rests_within_them():
+    """A stop as soft as none is does as well as a stack that hardens, but is no stop."""
+    stop = Ranked('contact', 700.0, 0.98, 3, stuck=True)
+    hard = Ranked('stiffness_hardening', 698.0, 0.98, 3)
+    far = Ranked('creep', 100.0, 0.2, 1)
+    groups = [['contact', 'stiffness_hardening']]
+    free = replace(stop, stuck=False)
+    odds = [one / other for one, other, _ in (
+        probabilities([each, hard, far], classes=groups) for each in (free, stop))]
+    assert odds[0] > 1.0 > odds[1] and odds[0] == pytest.approx(10.0 * odds[1])
+    assert decide([stop, hard, far], [], 0.99, 50.0, groups).selected == ('stiffness_hardening',)
+    # Where nothing else explains the gap it is the cause all the same.
+    assert decide([stop, far], [], 0.99, 50.0, []).tie == ('contact',)
+    # The same of two that could be exchanged for each other in a pair.
+    first, second = (Ranked(f'{name}+sensor_gain', 900.0, 0.999, 4, over=over, second=300.0,
+                            part=0.9, form=300.0, stuck=name == 'contact')
+                     for name, over in (('contact', 305.0), ('stiffness_hardening', 300.0)))
+    verdict = decide([stop, hard, far], [first], 0.99, 50.0, groups)
+    assert verdict.word == 'MULTIPLE'
+    named = tie_pairs(verdict, [first, second], [stop, hard, far], classes=groups)
+    assert 'stiffness_hardening' in named.selected
+    trusted = tie_pairs(verdict, [replace(first, stuck=False), second], [stop, hard, far],
+                        classes=groups)
+    assert 'contact' in trusted.selected
 
 
 def test_what_recordings_cannot_tell_apart_shares_the_probability():

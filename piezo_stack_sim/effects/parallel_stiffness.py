@@ -9,10 +9,10 @@ The stroke falls to k_s/(k_s + stiffness), the natural frequency rises.
 
 Look-alikes: ``sensor_gain``, ``transducer_ratio``: only a spring stiffens the
 device against forces.  A flexure that grows stiffer the further it is bent is
-the same as a spring beside ``stiffness_hardening``.  A capacitor C_s in series with the stack, as of a
-Sawyer-Tower circuit, is the same as a spring of T^2/(C_s + C) and a ratio and capacitance
-smaller by the factor 1 + C/C_s (Eqs. 11 and 14, with q/C_s taken from the voltage):
-no channel tells it.
+the same as a spring beside ``stiffness_hardening``.  A capacitor C_s in series with
+the stack, as of a Sawyer-Tower circuit, is the same as a spring of T^2/(C_s + C) and a
+ratio and capacitance smaller by the factor 1 + C/C_s (Eqs. 11 and 14, with q/C_s taken
+from the voltage): no channel tells it.
 Source: PI, at most a tenth of the stack's stiffness; 5 N/um take 9 to 12 % here.
 """
 

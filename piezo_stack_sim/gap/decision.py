@@ -109,7 +109,8 @@ def _ranker(fitter: Fitter, search: Search, judge: Judge, removable: Removable
         return Ranked(
             name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
             count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0,
-            spent=fitter.spent(fit), simpler=_simpler(name, fit, fitter.evidence))
+            spent=fitter.spent(fit), stuck=fit.is_stuck,
+            simpler=_simpler(name, fit, fitter.evidence))
 
     return ranked
 

@@ -139,6 +139,12 @@ class Fit:
     view: View | None = None
     line: Line | None = None
 
+    @property
+    def is_stuck(self) -> bool:
+        """Whether a number of it came to rest at its bound."""
+        return any(free.stuck(self.effects[free.effect][free.parameter.name]) is not None
+                   for free in self.free)
+
     def derivative(self, free: Free) -> np.ndarray | None:
         """Return the derivative of the residual with respect to a number, (N,), if known."""
         if self.slope is None or free not in self.free:

@@ -23,6 +23,7 @@ class Thresholds:
     temperature: float = 2.5  # nats by which two effects must differ to be told apart
     occam: float = 0.2  # log odds that a number which an effect may choose costs it
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead
+    distrust: float = 0.1  # by which one is less likely of which a number is stuck at its bound
     explained: float = 0.55  # part of the gap that a cause must remove, pooled or by all tracks
     half: float = 0.5  # and the part pooled over the channels, where there is anything to remove
     flexible: float = 0.5  # part of what a cause leaves that a flexible correction may leave
@@ -99,6 +100,7 @@ class Ranked:
     form: float = math.inf  # the same where errors of form are excused (gap/form.py)
     wrong: float = 0.0  # and the relative error of the form of the second
     spent: float = 0.0  # nats that its numbers cost: those who are free to choose fit more easily
+    stuck: bool = False  # whether a number of it came to rest at its bound
     simpler: str = ''  # the hypothesis that it cannot be told from in recordings so short
     beside: Ranked | None = None  # the first with another that mends its form, if it has one
 

@@ -28,7 +28,8 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     recordings cannot tell apart hardly anything but the form makes a difference.
     Of two that do equally well the one with fewer numbers is the likelier: a stop
     without a gap is a spring, so that the stop does no worse where a spring is.  And of
-    look-alikes so is the one that had fewer numbers to choose from their bounds.
+    look-alikes so is the one that had fewer numbers to choose from their bounds, and who has
+    come to rest within them.
     """
     able = contenders(ranked, thresholds)
     scored = {r.name: r.gain if r in able else -math.inf for r in ranked}
@@ -47,7 +48,13 @@ def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
     share = np.exp((left - left.max()) / misled)
     weight[group] = weight[group].sum() * share / share.sum()
     weight *= np.exp(-thresholds.occam * np.array([r.parameters for r in ranked]))
+    weight *= _trust(ranked, thresholds)
     return weight / weight.sum()
+
+
+def _trust(ranked: list[Ranked], t: Thresholds) -> np.ndarray:
+    """Return by how much hypotheses are less likely that would go on where nothing real is."""
+    return np.array([t.distrust if each.stuck else 1.0 for each in ranked])
 
 
 def _spent(alike: list[Ranked]) -> np.ndarray:
@@ -402,6 +409,7 @@ def _weights(pairs: list[Ranked], t: Thresholds) -> dict[Ranked, float]:
     rows = t.temperature + t.alike_form * max(gain.max(), 0.0)
     weight = np.exp((over - over.max()) / there + (gain - gain.max()) / rows
                     - t.occam * np.array([pair.parameters for pair in pairs]))
+    weight *= _trust(pairs, t)
     return dict(zip(pairs, weight.tolist()))
 
 

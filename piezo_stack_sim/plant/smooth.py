@@ -12,6 +12,7 @@ such an input, must meet at the end and in the middle.
 
 from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.cubic import hermite
+from piezo_stack_sim.plant.lanes import LANES, sums
 from piezo_stack_sim.plant.layout import (
     N_INPUTS, N_RAMPS, R_T, R_TOL, R_V2, R_V3, SMOOTH_F, SMOOTH_V, W_Q, W_Q1)
 from piezo_stack_sim.plant.ports import smooth_force, smooth_force_slope, smooth_voltage
@@ -74,11 +75,13 @@ def _meet(tables, at, z, held, n, rows, bend, length, real, end):
         df += (a * miss_f - c * miss_v) * scale
     z[used] += dv * slope
     z[used + 1] += df * slope
+    stride = tables.shape[2]
+    start = (at * tables.shape[1] + used) * stride
+    ramps = z[used:]
+    for i in range(0, rows, LANES):
+        sums(tables, start + i, stride, ramps, N_RAMPS, end, i)
     for i in range(rows):
-        total = held[i]
-        for c in range(used, used + N_RAMPS):
-            total += tables[at, c, i] * z[c]
-        end[i] = total
+        end[i] += held[i]
     return v0 + dv, f0 + df
 
 
