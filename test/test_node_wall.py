@@ -60,6 +60,8 @@ def test_a_command_moves_the_stack_and_stays(device):
 def test_not_a_number_does_not_reach_the_device(device):
     device.send('voltage_command', 20.0, float('nan'))
     device.report_with(lambda s, v: int(v['refused_not_finite']) > 0, 'the refusal')
+    device.forget()  # what was on its way may be older than the report
+    device.wait_for_states(10)
     assert device.rows()[-1][3] == 20.0
 
 
