@@ -109,7 +109,7 @@ def _ranker(fitter: Fitter, search: Search, judge: Judge, removable: Removable
         return Ranked(
             name, judge.score(fit.residual) - nominal, removable.share(fit.residual),
             count(fit), judge.left(powers, base), float(np.max(powers)) - 1.0,
-            spent=fitter.spent(fit), stuck=fit.is_stuck,
+            spent=fitter.spent(fit), stuck=bool(fit.stuck),
             simpler=_simpler(name, fit, fitter.evidence))
 
     return ranked
@@ -245,10 +245,11 @@ def _hushed(fitter: Fitter, search: Search, judge: Judge, best: Ranked, t: Thres
 
     Others may do as well, but then they resemble its two, which is asked later.
     """
-    for name in leading_pairs(fitter, search, 1):
-        left = judge.structure(search.fits[name].residual)
-        return left < max(t.excess, t.hushes * best.excess)
-    return False
+    most = max(t.excess, t.hushes * best.excess)
+    quiet = {name for name, fit in search.fits.items()
+             if '+' in name and judge.structure(fit.residual) < most}
+    # Which one leads takes simulations.
+    return bool(quiet) and not quiet.isdisjoint(leading_pairs(fitter, search, 1))
 
 
 def _without_colour(fitter: Fitter, search: Search, judge: Judge) -> float:

@@ -185,11 +185,10 @@ def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thr
     if fit.line is not None and len(fit.line.phases) > 1:
         notes.append(f'the phase of {TONE} is another in every recording: a corrected device '
                      'swings as much, but not in step with the real one')
-    for free in fit.free:
+    for free in fit.stuck:
         value = fit.effects[free.effect][free.parameter.name]
-        if free.stuck(value):
-            notes.append(f'{free.effect}.{free.parameter.name} is stuck at its bound '
-                         f'({value:.4g} {free.parameter.unit}): distrust it')
+        notes.append(f'{free.effect}.{free.parameter.name} is stuck at its bound '
+                     f'({value:.4g} {free.parameter.unit}): distrust it')
     return notes
 
 

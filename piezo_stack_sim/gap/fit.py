@@ -140,10 +140,10 @@ class Fit:
     line: Line | None = None
 
     @property
-    def is_stuck(self) -> bool:
-        """Whether a number of it came to rest at its bound."""
-        return any(free.stuck(self.effects[free.effect][free.parameter.name]) is not None
-                   for free in self.free)
+    def stuck(self) -> list[Free]:
+        """What came to rest at its bound."""
+        return [free for free in self.free
+                if free.stuck(self.effects[free.effect][free.parameter.name])]
 
     def derivative(self, free: Free) -> np.ndarray | None:
         """Return the derivative of the residual with respect to a number, (N,), if known."""
