@@ -141,7 +141,7 @@ class Fit:
 
     @property
     def stuck(self) -> list[Free]:
-        """What came to rest at its bound."""
+        """Return what came to rest at its bound."""
         return [free for free in self.free
                 if free.stuck(self.effects[free.effect][free.parameter.name])]
 
