@@ -335,3 +335,23 @@ def test_what_resembles_a_pair_is_judged_where_neither_of_the_two_was_asked_alon
     nats = {each: pairs.explained(forms, search, each).nats for each in [name, *asked]}
     # The voltage was measured: a wrong gain of the driver explains nothing beside the lag.
     assert nats[name] > nats[driven] and nats[late] > nats[driven]
+
+
+@pytest.mark.parametrize('share, exchanged', [(1.0, False), (1.5, True)])
+def test_who_is_stuck_at_a_bound_may_stand_for_what_its_form_is_like(device, share, exchanged):
+    true = device.with_effects({'amplifier_bandwidth': {'output_resistance': 20.0},
+                                'sensor_gain': {'gain_error': 0.02}})
+    fitter = fitter_of(device, true, [programmes.triangle(cycles=1), programmes.multisine()],
+                       np.random.default_rng(3), NOISE)
+    search = search_singles(fitter, str, ('amplifier_current_limit', 'amplifier_bandwidth',
+                                          'sensor_gain'))
+    name = pairs.pair_of('amplifier_current_limit', 'sensor_gain')
+    limit = {'limit': 0.05, 'sink_share': share, 'output_resistance': 2.0}
+    search.fits[name] = fitter.fit({'amplifier_current_limit': limit,
+                                    **search.fits['sensor_gain'].effects}, steps=0)
+    assert bool(search.fits[name].stuck) == exchanged
+    asked = pairs.exchange_alike(fitter, search, name, (), str)
+    other = pairs.pair_of('amplifier_bandwidth', 'sensor_gain')
+    assert (other in asked) == exchanged
+    if exchanged:
+        assert search.fits[other].cost < search.fits[name].cost

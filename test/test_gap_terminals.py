@@ -171,6 +171,23 @@ def test_who_hardly_sees_an_effect_behind_the_terminals_does_not_deny_it(fits, l
     assert decide(*fits, cut=cut).word == word
 
 
+def test_the_likeliest_driver_is_named_whatever_scores_more_at_a_bound():
+    def part(chances):
+        fits = {name: SimpleNamespace(effects={name: {}}) for name in chances}
+        return Part(Search(None, fits), SimpleNamespace(
+            singles=[Ranked(name, gain, 0.9, 1) for name, gain in zip(fits, (400.0, 398.0))],
+            verdict=SimpleNamespace(selected=(), tie=()), structure=9.0, alike=Alike([], [], set())
+        ), chances=chances)
+
+    limit, slow = 'amplifier_current_limit', 'amplifier_bandwidth'
+    sides = Terminals(part({limit: 0.1, slow: 0.9}), part({'creep': 0.8, 'mount_creep': 0.2}))
+    assert list(sides.before.best.effects) == [slow]
+    chances = sides.chances
+    assert max(chances, key=chances.get) == f'{slow}+creep'
+    assert chances[f'{limit}+creep'] == pytest.approx(0.08)
+    assert sum(chances.values()) == pytest.approx(1.0)
+
+
 def test_what_would_show_behind_the_terminals_and_does_not_is_not_there():
     device = Device.nominal()
     fitter = fitter_of(device, device, (programmes.multisine(),), np.random.default_rng(5), NOISE)

@@ -15,7 +15,8 @@ import subprocess
 
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.gap.quantities import percent, quantity, with_interval
+from piezo_stack_sim.gap.quantities import (
+    percent, percent_with_interval, quantity, with_interval)
 from piezo_stack_sim.gap.report import render_report, write_report
 from piezo_stack_sim.gap.report.sections import SECTIONS
 from piezo_stack_sim.gap.schema import validate, VERDICTS
@@ -353,6 +354,20 @@ def test_quantities_read_well(value, unit, text):
 
 def test_a_value_and_its_interval_share_one_unit():
     assert with_interval(1.3e-6, [0.9e-6, None], 'm') == '1.30 [0.900, ∞] µm'
+
+
+@pytest.mark.parametrize(('fraction', 'ci', 'text'), [
+    (0.98, [0.97, 0.99], ('98 %', '[97, 99]')),
+    (0.9996, [0.9994, 0.9999], ('99.96 %', '[99.94, 99.99]')),
+    (0.992, [0.985, 0.998], ('99.2 %', '[98.5, 99.8]')),
+    (0.03, [-0.01, 0.062], ('3.0 %', '[−1.0, 6.2]')),
+    (1.0, [0.9, 1.0], ('100 %', '[90, 100]')),
+    (0.95, [0.9, None], ('95 %', '[90, ∞]')),
+    (0.95, [None, None], ('95 %', '')),
+    (0.95, None, ('95 %', '')),
+])
+def test_a_part_and_its_interval_have_as_many_decimals(fraction, ci, text):
+    assert percent_with_interval(fraction, ci) == text
 
 
 def test_nearly_certain_is_not_certain():

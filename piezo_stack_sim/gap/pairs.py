@@ -262,6 +262,9 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     """
     Fit what a pair would be with one of the two exchanged for what resembles it.
 
+    One that has come to rest at a bound, where nothing real is, may stand for what its form is
+    like, too.
+
     Parameters
     ----------
     fitter : Fitter
@@ -289,11 +292,13 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
     _ask_alone(forms, search, known)  # beside one of them each of the others is judged
     starts = {}
+    stuck = {free.effect for free in known.stuck}
     for out in name.split('+'):
         kept, = set(name.split('+')) - {out}
         without = fitter.fit({kept: known.effects[kept]}, known.phi, ALONE_STEPS)
         others = [other for other in search.probes if other not in name.split('+') and (
-            frozenset((out, other)) in alike or shared(other, out))]
+            frozenset((out, other)) in alike or shared(other, out)
+            or out in stuck and _is_like(out, other))]
         for other, place in _promises(fitter, search, others, without)[:EXCHANGED]:
             pair = pair_of(kept, other)
             place = {**place, **clipped(known.effects[out], shared(other, out))}
@@ -311,6 +316,11 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
             search.fits[pair] = fit
     search.exchanged[asked] = list(starts)
     return search.exchanged[asked]
+
+
+def _is_like(one: str, other: str) -> bool:
+    """Tell whether an effect resembles what the form of another leaves out."""
+    return one in EFFECTS[other].form_like or other in EFFECTS[one].form_like
 
 
 def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None],

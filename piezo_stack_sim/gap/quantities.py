@@ -92,6 +92,34 @@ def percent(fraction, digits=0):
     return f'{100 * fraction:.{digits}f} %'.replace('-', '−')
 
 
+def percent_with_interval(fraction, ci, digits=0):
+    """
+    Return ``98 %`` and ``[97, 99]``, as many decimals in both, '' where there is no interval.
+
+    With ``digits`` decimals, and up to two more where a number would read as 100 % and is not, or
+    where all are small.
+
+    """
+    shown = [value for value in (fraction, *(ci or ())) if value is not None]
+    most = digits + 2
+    while digits < most and any(1.0 - 0.005 / 10 ** digits <= value < 1.0 for value in shown):
+        digits += 1
+    if shown and max(map(abs, shown)) < 0.1:
+        digits = max(digits, 1)
+    figure = percent(fraction, digits)
+    if ci is None or ci == [None, None]:
+        return figure, ''
+    low, high = (('−∞', '∞')[side] if end is None else _rounded(100 * end, digits)
+                 for side, end in enumerate(ci))
+    return figure, f'[{low}, {high}]'
+
+
+def _rounded(value, digits):
+    """Return a number with so many decimals, and none of them where it is whole, as 100."""
+    text = f'{value:.{digits}f}'.replace('-', '−')
+    return '100' if float(value) == 100.0 else text
+
+
 def probability(value, digits=0):
     """Return a probability in per cent; one that was rounded to certainty does not read so."""
     return percent(None if value is None else min(value, 0.99999), digits)

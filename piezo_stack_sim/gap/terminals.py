@@ -11,7 +11,7 @@ a second effect behind it, however loud the form of the first is.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import itertools
 import math
 
@@ -40,16 +40,21 @@ LEADING = 2  # effects of the drive whose numbers by the voltage alone are tried
 
 @dataclass(frozen=True)
 class Part:
-    """What was fitted to a part of the chain, and what follows for it."""
+    """
+    What was fitted to a part of the chain, and what follows for it.
+
+    ``chances`` says how likely each effect is, if one is the whole cause there.
+    """
 
     search: Search
     decision: Decision
     fitter: Fitter | None = None
+    chances: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def best(self) -> Fit:
-        """Return the fit of the best effect."""
-        return self.search.fits[self.decision.singles[0].name]
+        """Return the fit of the likeliest effect."""
+        return self.search.fits[max(self.chances, key=lambda name: self.chances[name])]
 
     @property
     def resembling(self) -> set[frozenset[str]]:
@@ -100,6 +105,13 @@ class Terminals:
         """Return the deviations (p,) of the nominal parameters behind the terminals."""
         return self.behind.search.nominal.phi
 
+    @property
+    def chances(self) -> dict[str, float]:
+        """Return how likely each pair across the terminals is, by what each side tells alone."""
+        return {pair_of(driver, other): one * two
+                for driver, one in self.before.chances.items()
+                for other, two in self.behind.chances.items()}
+
     def join(self, fitter: Fitter, search: Search, thresholds: Thresholds,
              progress: Callable[[str], None]) -> Cut:
         """
@@ -136,11 +148,7 @@ class Terminals:
         progress('fitting what both sides of the terminals told')
         second = self.behind.best
         pair = add_pair(fitter, search, {**self.before.best.effects, **second.effects}, second.phi)
-        driver, = self.before.best.effects
-        chances = probabilities(singles, thresholds, self.behind.decision.alike.groups)
-        return Cut(True, pair, removed, resembling, supported, {
-            pair_of(driver, each.name): float(chance) for each, chance in zip(singles, chances)},
-            bears)
+        return Cut(True, pair, removed, resembling, supported, self.chances, bears)
 
 
 def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
@@ -203,8 +211,11 @@ def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],
     fitter = Fitter(device, evidence)
     fitter.prepare(parallel)
     search = search_singles(fitter, progress, names, known)
-    return Part(search, decide_search(fitter, search, judge_of(fitter, search), 0.0,
-                                      isolability(fitter, search), thresholds, progress), fitter)
+    decision = decide_search(fitter, search, judge_of(fitter, search), 0.0,
+                             isolability(fitter, search), thresholds, progress)
+    chances = probabilities(decision.singles, thresholds, decision.alike.groups)
+    return Part(search, decision, fitter, {
+        each.name: float(chance) for each, chance in zip(decision.singles, chances)})
 
 
 def _length(search: Search, name: str) -> float:

@@ -133,9 +133,9 @@ class Cut:
     of that with what clearly acts behind the terminals ('' for nothing), ``removed`` the part
     of the gap behind them that this removes, ``resembling`` are effects that look much alike on
     one side, by twos, ``supported`` are effects behind the terminals that explain anything there,
-    or of which hardly anything is seen there, ``chances`` how likely such pairs are, by what lies
-    behind the terminals alone.  ``bears`` tells of effects with their numbers (SI) whether what
-    was measured there has room for them.
+    or of which hardly anything is seen there, ``chances`` how likely such pairs are, by what each
+    side tells alone.  ``bears`` tells of effects with their numbers (SI) whether what was measured
+    behind the terminals has room for them.
     """
 
     known: bool

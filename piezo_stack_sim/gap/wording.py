@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The diagnosis in sentences: said once here, shown by the report and by the terminal."""
 
-from piezo_stack_sim.gap.quantities import (in_order, interval, listing, percent,
+from piezo_stack_sim.gap.quantities import (in_order, listing, percent, percent_with_interval,
                                             probability, quantity,
                                             times_noise, unit_of, words)
 
@@ -151,10 +151,10 @@ def _shrinks(diagnosis):
         return ''
     unit = unit_of(channel, diagnosis)
     before, after = (quantity(row[key] ** 0.5, unit) for key in ('before', 'after'))
-    ci = interval(row['ci'] and [end if end is None else 100 * end for end in row['ci']], '%', 2)
+    part, ci = percent_with_interval(row['S'], row['ci'])
     change = 'shrinks' if row['after'] < row['before'] else 'changes'
     return (f'; with {_switched(diagnosis)} on, the {words(channel)} error {change} from '
-            f'{before} to {after} rms, {percent(row["S"])}'
+            f'{before} to {after} rms, {part}'
             f'{f" {ci}" if ci else ""} of what is removable')
 
 

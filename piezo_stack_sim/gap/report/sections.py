@@ -11,7 +11,7 @@ from collections import namedtuple
 
 from piezo_stack_sim.gap import wording
 from piezo_stack_sim.gap.quantities import (
-    interval, listing, percent, probability, quantity, times_noise, unit_of, UNKNOWN,
+    listing, percent, percent_with_interval, probability, quantity, times_noise, unit_of, UNKNOWN,
     with_interval, words)
 from piezo_stack_sim.gap.report.chain import chain_view
 from piezo_stack_sim.gap.report.ranking import isolability_view, ranking_view
@@ -140,13 +140,14 @@ def _shrinkage(channel, row, diagnosis):
     shown = [value for value in (row['S'], *ci, *references.values()) if value is not None]
     # The usual scale is 0 to 1; an effect that makes it worse needs room on the left
     score = Scale(min(0.0, max(-1.0, min(shown, default=0.0))), 1.0)
+    figure, interval = percent_with_interval(row['S'], row['ci'], 1)
     return {
         'channel': channel,
         'errors': [{'key': key, 'width': bars.place(error), 'figure': quantity(error, unit),
                     'span': percent(error / span, 2) if span and error is not None else ''}
                    for key, error in errors.items()],
         'score': None if row['S'] is None else {
-            'figure': _equals(percent(row['S'], 1)), 'ci': _percent_interval(row['ci']),
+            'figure': _equals(figure), 'ci': interval,
             'from': score.place(0.0), 'to': score.place(row['S']),
             'low': score.place(ci[0]), 'high': score.place(ci[1])},
         'references': [{'name': name, 'figure': percent(value, 1), 'at': score.place(value)}
@@ -157,10 +158,6 @@ def _shrinkage(channel, row, diagnosis):
 def _equals(figure):
     """Return the right-hand side of S: the figure with its sign of relation."""
     return figure if figure[0] in '<>' else f'= {figure}'
-
-
-def _percent_interval(ci):
-    return interval(ci and [None if end is None else 100 * end for end in ci], '%')
 
 
 def parameters_view(diagnosis):
