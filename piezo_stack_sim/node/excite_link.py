@@ -199,21 +199,28 @@ class Link:
         return ask(request, lambda done: self.wait(
             done, f'{self.device} does not answer: {what}'))
 
-    def settle(self, pause: float = 0.05) -> None:
-        """Take what arrives until there is a pause (s)."""
+    def settle(self, enough: Callable[[], Any] = bool, pause: float = 0.05) -> bool:
+        """
+        Take what arrives until there is a pause (s), or enough has arrived.
+
+        Returns whether there was one: with a stranger who goes on there is none, ever.
+        """
+        end = time.monotonic() + self.patience
         quiet = time.monotonic() + pause
         known = -1
-        while time.monotonic() < quiet:
+        while not enough() and time.monotonic() < min(quiet, end):
             size = sum(map(len, self.heard.values()))
             if size != known:
                 known, quiet = size, time.monotonic() + pause
             self.spin(0.01)
+        return not enough() and time.monotonic() >= quiet
 
-    def drain(self, pause: float = 0.05) -> None:
-        """Forget what has arrived, and what arrives until there is a pause (s)."""
-        self.settle(pause)
+    def drain(self, pause: float = 0.05) -> bool:
+        """Forget what has arrived, and what arrives until there is a pause (s), if there is one."""
+        still = self.settle(pause=pause)
         for heard in self.heard.values():
             heard.clear()
+        return still
 
     # -- talking -----------------------------------------------------------------
 
