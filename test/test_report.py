@@ -94,7 +94,7 @@ def test_each_verdict_says_what_how_sure_and_how_much_smaller(verdict, phrases):
 def test_the_sentence_gives_the_score_that_follows_from_the_powers(cause):
     row = cause['shrinkage']['displacement']
     score = 1 - (row['after'] - row['noise']) / (row['before'] - row['noise'])
-    assert f'{percent(score)} [' in verdict_sentence(cause)
+    assert f'{percent(score, 1)} [' in verdict_sentence(cause)
 
 
 def test_every_section_stands_in_the_report(cause):

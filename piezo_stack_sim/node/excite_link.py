@@ -216,7 +216,7 @@ class Link:
         return not enough() and time.monotonic() >= quiet
 
     def drain(self, pause: float = 0.05) -> bool:
-        """Forget what has arrived, and what arrives until there is a pause (s), if there is one."""
+        """Forget what has arrived, and what arrives until there is a pause (s), if there is."""
         still = self.settle(pause=pause)
         for heard in self.heard.values():
             heard.clear()
