@@ -24,6 +24,7 @@ pytestmark = pytest.mark.skipif(len(PAGES) < 2, reason='the tests run outside a 
 # A comment above a block of indented lines says that it can be run as it stands; what follows a
 # colon are modules that it needs. All such blocks of a page make one script.
 MARK = re.compile(r'<!-- executed(?:: (?P<needs>[\w ]+))? -->')
+SLOW = ('run-on-a-cluster',)
 PATIENCE = 400.0  # s for one page, compilation included
 
 
@@ -73,7 +74,8 @@ def executable():
         marked = [(needs, text) for needs, text in blocks(page) if needs is not None]
         if marked:
             needs = sorted({module for needed, _ in marked for module in needed})
-            yield pytest.param(needs, '\n'.join(text for _, text in marked), id=page.stem)
+            yield pytest.param(needs, '\n'.join(text for _, text in marked), id=page.stem,
+                               marks=[pytest.mark.slow] if page.stem in SLOW else [])
 
 
 @pytest.fixture

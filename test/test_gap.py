@@ -198,6 +198,7 @@ def test_noise_of_any_colour_is_told_from_a_gap(device, colour):
     assert found.deviation(period, n, 50) == pytest.approx(2e-9 * np.sqrt(many), rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_colour_that_shows_where_rows_are_averaged_is_no_gap(device):
     random, recordings = np.random.default_rng(4), []
     rows = [programmes.triangle(peaks=(30.0, 90.0), cycles=2), programmes.decay(),
@@ -549,6 +550,7 @@ def test_play_and_clocks_are_told_from_what_a_sensor_does(device, spoil, play, c
     assert [suspect and suspect.block for suspect in suspects] == [play, clock]
 
 
+@pytest.mark.slow
 def test_play_is_not_friction_where_the_charge_shows_that_the_stack_does_not_feel_it(device):
     recordings = a_set(device).recordings
     loose = RecordingSet('loose', tuple(each.replace(measured={
@@ -584,6 +586,7 @@ def test_a_stack_that_heats_itself_is_told_by_the_power_of_its_motion(device, sp
     assert (suspect and suspect.block) == block
 
 
+@pytest.mark.slow
 def test_what_a_late_sensor_leaves_of_a_wrong_clock_tells_the_clock(device):
     recordings = [each.replace(measured={'displacement': skewed(each.measured['displacement'])})
                   for each in a_set(device, ('displacement',)).recordings]

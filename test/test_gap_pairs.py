@@ -133,6 +133,7 @@ def test_a_second_effect_is_dearer_as_an_error_of_form_than_as_an_effect(evidenc
     assert forms.nats(alone) - forms.nats(both) > DEFAULTS.formed
 
 
+@pytest.mark.slow
 def test_a_weak_second_effect_is_found_beside_what_the_form_of_the_first_misses(device):
     truth = device.with_effects({'asymmetric_hysteresis': {'quadratic': 0.016}})
     answer = diagnose_set(a_set(truth), device, traces=False).document

@@ -129,6 +129,7 @@ def test_a_stranger_is_known_by_what_it_leaves_beside_re_tuned_parameters(
     assert gap > 0.1 and np.mean(met.residual ** 2) - 1.0 < 0.25 * gap
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('effect', [
     'thermal_drift', 'initial_polarisation', 'sensor_lag', 'friction', 'creep'])
 def test_no_stranger_takes_the_place_of_what_the_library_has(device, effect):
@@ -137,6 +138,7 @@ def test_no_stranger_takes_the_place_of_what_the_library_has(device, effect):
     assert effect in {*answer['selected'], *answer['ambiguity_set']}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('channels', [ALL, ('charge', 'displacement')])
 def test_an_offset_that_warms_up_is_no_remanence_and_no_drift(device, channels):
     answer = diagnose_set(

@@ -123,6 +123,7 @@ def test_a_jump_is_as_steep_as_the_driver_makes_it():
     assert error < NOISE['charge']
 
 
+@pytest.mark.slow
 def test_an_effect_behind_a_driver_of_another_form_is_found():
     device = Device.nominal().with_effects({'mount_creep': {'gain_per_decade': 0.01}})
     found = diagnose_set(a_set(device, slow), Device.nominal(), traces=False).document
@@ -131,11 +132,13 @@ def test_an_effect_behind_a_driver_of_another_form_is_found():
     assert 'at the terminals' in found['reason']
 
 
+@pytest.mark.slow
 def test_nothing_is_found_behind_such_a_driver_where_nothing_is():
     found = diagnose_set(a_set(Device.nominal(), slow), Device.nominal(), traces=False).document
     assert found['selected'] == ['amplifier_bandwidth']
 
 
+@pytest.mark.slow
 def test_a_driver_that_no_effect_explains_is_unknown_and_its_block_known():
     found = diagnose_set(a_set(Device.nominal(), coarse), Device.nominal(), traces=False).document
     assert found['verdict'] == 'UNKNOWN'

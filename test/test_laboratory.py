@@ -47,6 +47,7 @@ def named(diagnosis):
     return set(diagnosis['selected']) | set(diagnosis['ambiguity_set'])
 
 
+@pytest.mark.slow
 def test_a_lag_of_the_measurement_is_no_rate_dependent_hysteresis(answer):
     diagnosis = answer('sensor_lag')
     found = named(diagnosis)
@@ -55,6 +56,7 @@ def test_a_lag_of_the_measurement_is_no_rate_dependent_hysteresis(answer):
     assert diagnosis['where']['block'] == 'sensor'
 
 
+@pytest.mark.slow
 def test_rate_dependent_hysteresis_is_no_lag_of_the_measurement(answer):
     """Break voltages that grow with the logarithm of the rate: the library has another form."""
     diagnosis = answer('rate_dependent_hysteresis')
@@ -62,6 +64,7 @@ def test_rate_dependent_hysteresis_is_no_lag_of_the_measurement(answer):
     assert named(diagnosis) == {'rate_dependent_hysteresis'}
 
 
+@pytest.mark.slow
 def test_nothing_is_concluded_from_a_scale_that_nobody_knows(answer):
     diagnosis = answer('sensor_lag')
     assert 'sensor_gain' in diagnosis['isolability']['undetectable']
