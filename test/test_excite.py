@@ -231,6 +231,31 @@ def test_by_wall_time_rows_carry_stamps_and_the_commands_that_act_from_them(wall
     assert shown[1] > 0.5 and shown[1] > 2.0 * max(shown[0], shown[2])
 
 
+def test_by_wall_time_commands_of_somebody_else_are_noticed(wall_device, tmp_path):
+    client = Client(wall_device)
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'piezo_stack_sim', 'excite', 'triangle', '--peaks', '60',
+         '--frequency', '0.5', '--cycles', '1', '--node', wall_device, '--out', str(tmp_path)],
+        env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    client.until(lambda: len(client.heard['state']) > 20
+                 and client.heard['state'][-1].position[0] > 3e-6, 'the programme')
+    for _ in range(3):
+        client.send('voltage_command', 5.0)
+    errors = process.communicate(timeout=60)[1]
+    name = client.node.get_name()
+    client.close()
+    assert process.returncode == 2 and errors.count('\n') == 1
+    assert f'{name} commands it, too, the recording is wrong' in errors
+    assert len(read_set(tmp_path)['triangle']) > 300  # what was recorded is kept
+
+
+def test_who_could_send_commands_by_wall_time_and_does_not_is_no_hindrance(wall_device, tmp_path):
+    client = Client(wall_device)
+    assert excite('triangle', '--peaks', '20', '--frequency', '2', '--cycles', '1', '--reset',
+                  '--node', wall_device, '--out', tmp_path) == 0
+    client.close()
+
+
 def test_ctrl_c_keeps_what_was_recorded_and_ramps_down(wall_device, tmp_path):
     client = Client(wall_device)
     process = subprocess.Popen(

@@ -289,6 +289,8 @@ class _Stage:
         kept = [0, *([1] if self._driven else []), *([2] if recording.has_force else [])]
         columns += self._link.channels
         written = 0
+        if not self._link.lockstep:  # there, whoever commands brings a tick, which is noticed
+            self._link.guard()
         with CsvWriter(path, columns, self._session.drive) as writer:
             def sink(rows):
                 nonlocal written
@@ -298,6 +300,7 @@ class _Stage:
                 progress(recording.name, written, volts.size)
 
             self._play(volts, forces, sink, self._stop)
+        self._link.require_alone()
         return written
 
     def leave(self) -> None:

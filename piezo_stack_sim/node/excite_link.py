@@ -76,6 +76,8 @@ class Link:
         self.patience = patience
         self._numbers = count()
         self._clients: dict[str, Any] = {}
+        self._sent = self._passed = 0  # commands, while what passes is counted
+        self._guarded = False
         self._node = Node(f'excite_{time.time_ns() % 1_000_000}')
         self._executor = make_executor()
         self._executor.add_node(self._node)
@@ -233,6 +235,42 @@ class Link:
         if command is not None and self._command is not None:
             self._message.data = float(command)
             self._command.publish(self._message)
+            self._sent += 1
+
+    def guard(self) -> None:
+        """Begin to count the commands of everybody, if anybody else could send some."""
+        if self._command is None or self._guarded or not self._rivals(self._command.topic_name):
+            return
+        self._guarded = True
+        command = self._command
+        listeners = command.get_subscription_count()
+
+        def count(message):
+            self._passed += 1
+
+        self._node.create_subscription(Float64, command.topic_name, count, _QOS)
+        matched = time.monotonic() + 0.5
+        self.wait(lambda: command.get_subscription_count() > listeners
+                  or time.monotonic() > matched, '')
+        self._sent = self._passed = 0
+
+    def require_alone(self) -> None:
+        """Refuse a recording during which somebody else commanded the device."""
+        if not self._guarded or self._command is None:
+            return
+        last = time.monotonic() + 0.5  # own commands that are on their way
+        self.wait(lambda: self._passed >= self._sent or time.monotonic() > last, '')
+        if self._passed > self._sent:
+            topic = self._command.topic_name
+            names = ', '.join(self._rivals(topic)) or 'somebody'
+            raise InputError(f'{self.device}: {names} commands it, too, the recording is wrong; '
+                             f'stop what sends to {topic}')
+
+    def _rivals(self, topic: str) -> list[str]:
+        """Return the names of other nodes that could send to a topic."""
+        return sorted({f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in
+                       self._node.get_publishers_info_by_topic(topic)
+                       if info.node_name != self._node.get_name()})
 
     def require_force(self) -> None:
         """Refuse to go on if nobody listens to the external force."""
