@@ -309,6 +309,7 @@ def test_a_load_is_known_no_better_than_the_stack_that_it_hangs_on(device):
     assert np.ptp(misses[1] - tuned) < 1e-3 * np.ptp(misses[1] - misses[0])
 
 
+@pytest.mark.slow
 def test_the_experiment_that_is_proposed_decides_between_what_was_tied(diagnosed, device):
     """A bow of the reading may be the sensor's or the ceramic's: without charge nobody knows."""
     bow = {'sensor_nonlinearity': {'quadratic': 0.02}}

@@ -161,6 +161,7 @@ def test_where_the_first_hardly_acts_only_another_kind_of_effect_shows(device):
     assert lag.clear < DEFAULTS.clear and lag.clear_part < DEFAULTS.clear_part
 
 
+@pytest.mark.slow
 def test_what_the_form_of_a_lone_cause_misses_is_no_second_cause(device):
     answer = diagnose_set(a_set(device), device, traces=False).document
     assert answer['verdict'] == 'CAUSE'
@@ -298,6 +299,7 @@ def test_a_long_replay_keeps_in_step_with_a_hum(device):
         assert np.std(with_hum - without - hum) < 0.05 * np.std(hum)
 
 
+@pytest.mark.slow
 def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
         device, monkeypatch):
     truth = device.with_effects({
