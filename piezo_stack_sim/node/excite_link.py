@@ -258,8 +258,8 @@ class Link:
         """Refuse a recording during which somebody else commanded the device."""
         if not self._guarded or self._command is None:
             return
-        last = time.monotonic() + 0.5  # own commands that are on their way
-        self.wait(lambda: self._passed >= self._sent or time.monotonic() > last, '')
+        last = time.monotonic() + 0.5  # for as many as were sent here others may wait, unread
+        self.wait(lambda: self._passed > self._sent or time.monotonic() > last, '')
         if self._passed > self._sent:
             topic = self._command.topic_name
             names = ', '.join(self._rivals(topic)) or 'somebody'
