@@ -25,6 +25,7 @@ from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.form import Forms
 from piezo_stack_sim.gap.lens import Cells
 from piezo_stack_sim.gap.quantities import words
+from piezo_stack_sim.gap.second import are_alike_in_form
 from piezo_stack_sim.gap.swings import FALLEN, find_history
 
 PARTNERS = 5  # second effects that get a fit
@@ -298,7 +299,7 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
         without = fitter.fit({kept: known.effects[kept]}, known.phi, ALONE_STEPS)
         others = [other for other in search.probes if other not in name.split('+') and (
             frozenset((out, other)) in alike or shared(other, out)
-            or out in stuck and _is_like(out, other))]
+            or out in stuck and are_alike_in_form(out, other))]
         for other, place in _promises(fitter, search, others, without)[:EXCHANGED]:
             pair = pair_of(kept, other)
             place = {**place, **clipped(known.effects[out], shared(other, out))}
@@ -316,11 +317,6 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
             search.fits[pair] = fit
     search.exchanged[asked] = list(starts)
     return search.exchanged[asked]
-
-
-def _is_like(one: str, other: str) -> bool:
-    """Tell whether an effect resembles what the form of another leaves out."""
-    return one in EFFECTS[other].form_like or other in EFFECTS[one].form_like
 
 
 def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None],

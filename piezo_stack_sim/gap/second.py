@@ -105,7 +105,7 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.formed < pair.form < math.inf
             and pair.wrong < t.misformed and are_relatives(best, pair, kin)
-            and not _fills_in(one, other) and not _fills_in(other, one)):
+            and not are_alike_in_form(one, other)):
         return False
     quiet = pair.excess < t.excess or (
         pair.excess < t.hushes * best.excess and pair.part > t.relative_part)
@@ -115,9 +115,9 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
                         and pair.clear_part > t.relative_clear_part)
 
 
-def _fills_in(one: str, other: str) -> bool:
-    """Tell whether an effect is known to resemble what the form of another leaves out."""
-    return one in EFFECTS[other].form_like
+def are_alike_in_form(one: str, other: str) -> bool:
+    """Tell whether one of two effects is known to resemble what the form of the other leaves."""
+    return one in EFFECTS[other].form_like or other in EFFECTS[one].form_like
 
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:

@@ -201,7 +201,7 @@ class Link:
         return ask(request, lambda done: self.wait(
             done, f'{self.device} does not answer: {what}'))
 
-    def settle(self, enough: Callable[[], Any] = bool, pause: float = 0.05) -> bool:
+    def settle(self, enough: Callable[[], Any] = lambda: False, pause: float = 0.05) -> bool:
         """
         Take what arrives until there is a pause (s), or enough has arrived.
 
