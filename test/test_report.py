@@ -18,7 +18,7 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.quantities import (
     percent, percent_with_interval, quantity, with_interval)
 from piezo_stack_sim.gap.report import render_report, write_report
-from piezo_stack_sim.gap.report.sections import SECTIONS
+from piezo_stack_sim.gap.report.sections import parameters_view, SECTIONS
 from piezo_stack_sim.gap.schema import validate, VERDICTS
 from piezo_stack_sim.gap.storage import read_diagnosis, write_diagnosis
 from piezo_stack_sim.gap.summary import summary_lines, terminal_summary
@@ -95,6 +95,15 @@ def test_the_sentence_gives_the_score_that_follows_from_the_powers(cause):
     row = cause['shrinkage']['displacement']
     score = 1 - (row['after'] - row['noise']) / (row['before'] - row['noise'])
     assert f'{percent(score, 1)} [' in verdict_sentence(cause)
+
+
+def test_what_is_switched_on_as_a_pair_shows_the_numbers_of_the_pair(cause):
+    one, two, three = cause['causes'][:3]
+    pairs = [{**one, 'effect': f'{one["effect"]}+{other["effect"]}'} for other in (two, three)]
+    both = {**cause, 'verdict': 'MULTIPLE', 'selected': [one['effect'], two['effect']],
+            'ambiguity_set': [], 'causes': [*pairs, *cause['causes']]}
+    shown = parameters_view(both)['causes']
+    assert [(each['effect'], each['on']) for each in shown] == [(pairs[0]['effect'], True)]
 
 
 def test_every_section_stands_in_the_report(cause):

@@ -162,21 +162,22 @@ def _equals(figure):
 
 def parameters_view(diagnosis):
     """Return the fitted parameters of what was switched on and of what ties with it."""
-    wanted = [*diagnosis['selected'],
-              *(effect for effect in diagnosis['ambiguity_set']
-                if effect not in diagnosis['selected'])]
+    selected = set(diagnosis['selected'])
+    members = {cause['effect']: set(cause['effect'].split('+')) for cause in diagnosis['causes']}
+    # Beside another an effect has other numbers than alone: where a pair is on, those of the pair.
+    whole = selected in members.values()
+    ties = wording.tied(diagnosis)
+
+    def is_on(cause):
+        effects = members[cause['effect']]
+        return effects == selected if whole else effects <= selected
+
     fitted = [cause for cause in diagnosis['causes']
-              if cause['parameters'] and any(effect in wanted for effect in
-                                             cause['effect'].split('+'))]
-    alone = {cause['effect'] for cause in fitted}
-    # A pair repeats its members' parameters: needed only for members not listed by themselves
-    fitted = [cause for cause in fitted
-              if cause['effect'] in wanted or not set(cause['effect'].split('+')) <= alone]
+              if cause['parameters'] and (is_on(cause) or cause['effect'] in ties)]
     if not fitted:
         return None
     return {'causes': [{
-        'effect': cause['effect'],
-        'on': all(effect in diagnosis['selected'] for effect in cause['effect'].split('+')),
+        'effect': cause['effect'], 'on': is_on(cause),
         'rows': [_parameter(name, row) for name, row in cause['parameters'].items()],
     } for cause in fitted]}
 
