@@ -77,7 +77,7 @@ class Link:
         self._numbers = count()
         self._clients: dict[str, Any] = {}
         self._sent = self._passed = 0  # commands, while what passes is counted
-        self._guarded = False
+        self._guarded = False  # whether everybody's commands are counted
         self._node = Node(f'excite_{time.time_ns() % 1_000_000}')
         self._executor = make_executor()
         self._executor.add_node(self._node)
@@ -238,8 +238,8 @@ class Link:
             self._sent += 1
 
     def guard(self) -> None:
-        """Begin to count the commands of everybody, if anybody else could send some."""
-        if self._command is None or self._guarded or not self._rivals(self._command.topic_name):
+        """Begin to count the commands of everybody, also of who joins later."""
+        if self._command is None or self._guarded:
             return
         self._guarded = True
         command = self._command
@@ -248,7 +248,8 @@ class Link:
         def count(message):
             self._passed += 1
 
-        self._node.create_subscription(Float64, command.topic_name, count, _QOS)
+        # Raw: only their number matters, and a programme by wall time has no time to lose.
+        self._node.create_subscription(Float64, command.topic_name, count, _QOS, raw=True)
         matched = time.monotonic() + 0.5
         self.wait(lambda: command.get_subscription_count() > listeners
                   or time.monotonic() > matched, '')
@@ -258,10 +259,11 @@ class Link:
         """Refuse a recording during which somebody else commanded the device."""
         if not self._guarded or self._command is None:
             return
-        last = time.monotonic() + 0.5  # for as many as were sent here others may wait, unread
+        topic = self._command.topic_name
+        # For as many as were sent here those of others may wait, unread.
+        last = time.monotonic() + (0.5 if self._rivals(topic) else 0.0)
         self.wait(lambda: self._passed > self._sent or time.monotonic() > last, '')
         if self._passed > self._sent:
-            topic = self._command.topic_name
             names = ', '.join(self._rivals(topic)) or 'somebody'
             raise InputError(f'{self.device}: {names} commands it, too, the recording is wrong; '
                              f'stop what sends to {topic}')
