@@ -4,7 +4,7 @@
 Which tests run, and in which order.
 
 Files that take long come first, so that no core waits for another.  Tests marked ``slow``, whole
-diagnoses of a minute or so, run where they are asked for (``--slow``) or named.
+diagnoses and long generated pages, run where they are asked for (``--slow``) or named.
 """
 
 from pathlib import Path

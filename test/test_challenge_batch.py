@@ -192,6 +192,7 @@ def test_a_set_whose_public_files_were_deleted_is_made_again(short, tmp_path):
     assert list((tmp_path / 'batch' / 'set_000').glob('*.csv.gz'))
 
 
+@pytest.mark.slow
 def test_a_device_that_runs_away_is_drawn_again(tmp_path):
     """Of this seed a softening bow was drawn under which the stack finds no rest."""
     make.make_set(tmp_path / 'batch', 174, 113721972, 'one', ('asymmetric_hysteresis',))

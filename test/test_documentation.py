@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(len(PAGES) < 2, reason='the tests run outside a 
 # A comment above a block of indented lines says that it can be run as it stands; what follows a
 # colon are modules that it needs. All such blocks of a page make one script.
 MARK = re.compile(r'<!-- executed(?:: (?P<needs>[\w ]+))? -->')
-SLOW = ('run-on-a-cluster',)
+SLOW = ('run-on-a-cluster', 'model-your-actuator', 'laboratory-recordings')
 PATIENCE = 400.0  # s for one page, compilation included
 
 

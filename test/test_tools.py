@@ -96,6 +96,7 @@ def test_a_problem_is_one_line(environment, capsys):
     assert capsys.readouterr().err.count('\n') == 1
 
 
+@pytest.mark.slow
 def test_the_reference_has_a_page_for_every_module(tmp_path):
     pytest.importorskip('pdoc')
     pytest.importorskip('rclpy')

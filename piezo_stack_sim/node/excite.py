@@ -298,9 +298,10 @@ class _Stage:
                 writer.write(table[:, [*kept, *range(3, table.shape[1])]])
                 written += len(rows)
                 progress(recording.name, written, volts.size)
+                self._link.require_alone()
 
             self._play(volts, forces, sink, self._stop)
-        self._link.require_alone()
+        self._link.require_alone(awaited=True)
         return written
 
     def leave(self) -> None:

@@ -255,14 +255,19 @@ class Link:
                   or time.monotonic() > matched, '')
         self._sent = self._passed = 0
 
-    def require_alone(self) -> None:
-        """Refuse a recording during which somebody else commanded the device."""
+    def require_alone(self, awaited: bool = False) -> None:
+        """
+        Refuse to go on once somebody else has commanded the device.
+
+        What was sent before this call, but is still unread, is ``awaited`` on request.
+        """
         if not self._guarded or self._command is None:
             return
         topic = self._command.topic_name
-        # For as many as were sent here those of others may wait, unread.
-        last = time.monotonic() + (0.5 if self._rivals(topic) else 0.0)
-        self.wait(lambda: self._passed > self._sent or time.monotonic() > last, '')
+        if awaited and self._rivals(topic):
+            last = time.monotonic() + 0.5
+            self.wait(lambda: self._passed > self._sent or time.monotonic() > last, '')
+        # What was sent here counts before it passes: more can pass only if others send, too.
         if self._passed > self._sent:
             names = ', '.join(self._rivals(topic)) or 'somebody'
             raise InputError(f'{self.device}: {names} commands it, too, the recording is wrong; '
