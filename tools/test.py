@@ -8,6 +8,7 @@ Works from any folder; paths among the arguments are relative to the checkout.
 
 """
 
+import os
 import subprocess
 import sys
 
@@ -17,9 +18,11 @@ import environment
 def main():
     """Run pytest in `.venv` and return its exit status."""
     python = environment.ensure('ros', 'test')
-    # A file's tests share processes of ROS, so that files are what is spread over the cores.
+    # A file's tests share processes of ROS, so that files are what is spread over the cores. One
+    # worker more than these: a test of nodes mostly waits for them.
+    workers = 1 + (os.cpu_count() or 1)
     spread = [] if any(a.startswith(('-n', '--numprocesses')) for a in sys.argv[1:]) else [
-        '-n', 'auto', '--dist', 'loadfile']
+        '-n', str(workers), '--dist', 'loadfile']
     command = [str(python), '-m', 'pytest', *spread, *sys.argv[1:]]
     return subprocess.run(command, cwd=environment.ROOT, env=environment.variables()).returncode
 

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from numba import njit
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import Suspect
 from piezo_stack_sim.gap.blackbox import lagged, predict
@@ -201,8 +202,14 @@ def _warmth(track: Track, displacement: np.ndarray) -> Iterator[np.ndarray]:
 
 def play(x: np.ndarray, half: float) -> np.ndarray:
     """Return what a play of a half width (m) makes of displacements (n,)."""
-    follower, out = float(x[0]), []
-    for place in x.tolist():
-        follower = min(max(follower, place - half), place + half)
-        out.append(follower)
-    return np.array(out)
+    out = np.empty(len(x))
+    _follow(np.ascontiguousarray(x, dtype=float), half, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _follow(x, half, out):
+    follower = x[0]
+    for i in range(x.size):
+        follower = min(max(follower, x[i] - half), x[i] + half)
+        out[i] = follower

@@ -6,14 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.plant import Device, replay, Timeline
 from piezo_stack_sim.recording.recording import Recording
 from scipy.signal import cont2discrete, lfilter
+
+# Checked once, and forgotten with the recording: a fit replays it hundreds of times.
+_TIMELINES: WeakKeyDictionary[Recording, Timeline] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,8 +38,11 @@ def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndar
     if isinstance(recording, Refined):
         answer = simulate_channels(device, recording.parts)
         return {channel: values[recording.kept] for channel, values in answer.items()}
-    response = simulate(device, recording.time, recording.command, recording.external_force,
-                        recording.drive)
+    timeline = _TIMELINES.get(recording)
+    if timeline is None:
+        timeline = _TIMELINES[recording] = Timeline.of(
+            recording.time, recording.command, recording.external_force)
+    response = replay(device, timeline, recording.drive)
     return {'voltage': response.voltage, 'charge': response.charge,
             'displacement': response.displacement}
 

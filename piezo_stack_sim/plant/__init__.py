@@ -10,7 +10,7 @@ _HOME = {
     'Noise': 'parameters', 'device_from_mapping': 'parameters', 'load_device': 'parameters',
     'parameter_specs': 'parameters', 'save_device': 'parameters',
     'Plant': 'stack', 'PlantState': 'samples', 'Response': 'samples', 'Sample': 'samples',
-    'simulate': 'offline', 'simulate_many': 'offline',
+    'replay': 'offline', 'simulate': 'offline', 'simulate_many': 'offline', 'Timeline': 'offline',
 }
 
 __all__ = sorted(_HOME)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import os
 
 import numpy as np
@@ -63,25 +63,67 @@ def simulate(device: Device, time, command, external_force=None, drive: str | No
         If lengths differ, times do not increase or a number is not finite.
 
     """
-    time = np.ascontiguousarray(time, dtype=float)
-    command = np.ascontiguousarray(command, dtype=float)
-    force = (np.zeros_like(command) if external_force is None
-             else np.ascontiguousarray(external_force, dtype=float))
-    _check(time, command, force)
+    return replay(device, Timeline.of(time, command, external_force), drive, state, seed, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """
+    Commands and forces in time, checked: for whoever replays them more than once.
+
+    Attributes
+    ----------
+    time, command, external_force : ndarray, shape (n,)
+        As for :func:`simulate`.
+    period : float or None
+        Length of every row (s); None if they differ.
+
+    """
+
+    time: np.ndarray
+    command: np.ndarray
+    external_force: np.ndarray
+    period: float | None
+
+    @classmethod
+    def of(cls, time, command, external_force=None) -> Timeline:
+        """
+        Return the timeline of what :func:`simulate` takes.
+
+        Raises
+        ------
+        InputError
+            If lengths differ, times do not increase or a number is not finite.
+
+        """
+        time = np.ascontiguousarray(time, dtype=float)
+        command = np.ascontiguousarray(command, dtype=float)
+        force = (np.zeros_like(command) if external_force is None
+                 else np.ascontiguousarray(external_force, dtype=float))
+        _check(time, command, force)
+        period = float(time[-1] - time[0]) / max(time.size - 1, 1)
+        grid = time[0] + period * np.arange(time.size)
+        even = time.size > 1 and np.abs(time - grid).max() < max(5e-7, 1e-6 * period)
+        return cls(time, command, force, period if even else None)
+
+
+def replay(device: Device, timeline: Timeline, drive: str | None = None,
+           state: PlantState | None = None, seed: int | None = None,
+           noise: bool = False) -> Response:
+    """Do what :func:`simulate` does with a timeline that was checked before."""
     if seed is not None:
         device = device.replace(noise={'seed': seed})
-    n = time.size
-    period = (time[-1] - time[0]) / (n - 1) if n > 1 else 1.0 / device.rate
+    time, n = timeline.time, timeline.time.size
+    period = timeline.period or (
+        (time[-1] - time[0]) / (n - 1) if n > 1 else 1.0 / device.rate)
     plant = Plant(device, period, drive, noise)
     if state is not None:
         plant.restore(state)
+    if timeline.period is not None or n == 1:
+        return replace(plant.record(timeline.command[:-1], timeline.external_force[:-1]),
+                       time=time)
     first = plant.sample_noisy()
-    if n == 1:
-        rest = plant.run(np.empty(0))
-    elif np.abs(time - (time[0] + period * np.arange(n))).max() < max(5e-7, 1e-6 * period):
-        rest = plant.run(command[:-1], force[:-1])
-    else:
-        rest = _run_irregular(plant, time, command, force)
+    rest = _run_irregular(plant, time, timeline.command, timeline.external_force)
     columns = {name: np.concatenate([[value], getattr(rest, name)])
                for name, value in first.items()}
     return replace(rest, time=time, **columns)

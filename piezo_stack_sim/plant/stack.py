@@ -335,6 +335,12 @@ class Plant:
         time = (start + 1 + np.arange(commands.size)) * self.period
         return self._response(time, measured)
 
+    def record(self, commands: np.ndarray, forces: np.ndarray) -> Response:
+        """Do what `run` does, with one row more before: what the sensors show now."""
+        start = self._ticks
+        measured = self._run(commands, forces, lead=True)
+        return self._response((start + np.arange(commands.size + 1)) * self.period, measured)
+
     def _response(self, time: np.ndarray, measured: tuple[np.ndarray, ...]) -> Response:
         displacement, velocity, charge, voltage, force = measured
         return Response(time, displacement, velocity, charge, voltage, force,
@@ -389,8 +395,8 @@ class Plant:
         self._note_range()
         return self._response(time[1:], measured)
 
-    def _run(self, commands: np.ndarray, forces: np.ndarray,
-             source: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+    def _run(self, commands: np.ndarray, forces: np.ndarray, source: np.ndarray | None = None,
+             lead: bool = False) -> tuple[np.ndarray, ...]:
         n = commands.size
         if source is None:
             source = self.source_values(commands)
@@ -400,12 +406,13 @@ class Plant:
         parts = self._parts
         lag = self._command_lag + 1
         ticks = self._tables.ticks
+        first = int(lead)
+        numbers = np.arange(first, first + n)
         if parts == 1:
             seg_class, seg_ticks = np.zeros(n, np.int64), np.full(n, ticks[0])
             u = history[lag + self._part_command[0]:][:n]
             force = forces
-            rows = np.arange(n)
-            reads = rows
+            rows = reads = numbers
         else:
             seg_class = np.tile(np.arange(parts), n)
             seg_ticks = np.tile(ticks, n)
@@ -413,20 +420,25 @@ class Plant:
             u = history[index].ravel()
             force = np.repeat(forces, parts)
             rows = np.full((n, parts), -1)
-            rows[:, -1] = np.arange(n)
-            reads = np.where(self._part_reads[None, :], np.arange(n)[:, None], -1)
+            rows[:, -1] = numbers
+            reads = np.where(self._part_reads[None, :], numbers[:, None], -1)
             rows, reads = rows.ravel(), np.ascontiguousarray(reads.ravel())
-        out, read = np.empty((n, layout.N_OUTPUTS)), np.empty(n)
+        out, read = np.empty((first + n, layout.N_OUTPUTS)), np.empty(first + n)
+        if lead:
+            out[0], shown = self._evaluate()
         state = [self._s, self._p, self._flags, self._inputs, self._memory]
         self._tables.run(seg_class, seg_ticks, np.ascontiguousarray(u), force, rows, reads,
                          state, out, read)
         self._commands = history[-lag:].copy()
-        read = read + self._closed(out[:, 6])
+        if self._model.joint_maps:
+            read = read + self._closed(out[:, 6])
         if self._readings.size:
-            read = np.concatenate([self._readings, read])
-            self._readings = read[n:].copy()
-            read = read[:n]
-        time = (self._ticks + 1 + np.arange(n)) * self.period
+            late = np.concatenate([self._readings, read[first:]])
+            self._readings = late[n:].copy()
+            read[first:] = late[:n]
+        if lead:
+            read[0] = shown
+        time = (self._ticks + 1 - first + np.arange(first + n)) * self.period
         self._ticks += n
         self.time = self._ticks * self.period
         self._note_range()
