@@ -188,14 +188,34 @@ def test_rows_of_unequal_length_give_what_equal_rows_give(device):
     assert np.abs(split.displacement[kept] - even.displacement).max() < 1e-10
 
 
-def test_the_two_kernels_agree(device, monkeypatch):
-    command, force = noisy_walk(400, 5)
-    fast = Plant(device, 1e-4, 'voltage').run(command, force)
+FOLLOWING = [
+    {},
+    {'sensor_lag': {'time_constant': 2e-4}},
+    {'sensor_lag': {'time_constant': 3e-8}},
+    {'mechanical_resonance': {'participation': 0.4, 'frequency': 2500.0, 'damping_ratio': 0.02}},
+    {'leakage': {'resistance': 1e5}},
+    # Behind each other, between rows, after a bow: all at once.
+    {'leakage': {'resistance': 1e5}, 'transducer_nonlinearity': {'quadratic': 0.02},
+     'mechanical_resonance': {'participation': -0.3, 'frequency': 900.0, 'damping_ratio': 0.1},
+     'sensor_lag': {'time_constant': 1e-3}, 'sensor_delay': {'delay': 3.3e-5}},
+]
+
+
+@pytest.mark.parametrize('drive', ['voltage', 'charge'])
+@pytest.mark.parametrize('effects', FOLLOWING)
+def test_the_two_kernels_agree(device, effects, drive, monkeypatch):
     import dataclasses
+    device = device.with_effects(effects)
+    command, force = noisy_walk(400, 5)
+    command *= 1.0 if drive == 'voltage' else 1e-6
+    fast = Plant(device, 1e-4, drive)
+    assert fast.system.is_ideal == (drive == 'voltage' or 'leakage' not in effects)
+    fast = fast.run(command, force)
     assemble = stack.assemble
     monkeypatch.setattr(
         stack, 'assemble', lambda model: dataclasses.replace(assemble(model), is_ideal=False))
-    general = Plant(device, 1e-4, 'voltage').run(command, force)
+    general = Plant(device, 1e-4, drive).run(command, force)
+    assert np.ptp(fast.displacement) > 1e-6
     assert np.abs(fast.displacement - general.displacement).max() < 1e-12
     assert np.abs(fast.charge - general.charge).max() < 1e-11
 

@@ -140,6 +140,8 @@ class Model:
 
     def read_through(self, name: str, rate_constant: float) -> None:
         """Put a first-order lag with ``rate_constant`` (1/s) behind the reading so far."""
+        if rate_constant * INSTANT > 1.0:
+            return
         terms = {source: gain * rate_constant for source, gain in self.reading_terms.items()}
         terms[name] = terms.get(name, 0.0) - rate_constant
         self.add_state(name, terms)
@@ -398,12 +400,18 @@ def assemble(model: Model) -> System:
     ints[layout.I_INPUTS] = max([layout.A_RC, *used, *extra]) + 1
     ints[layout.I_SOURCE] = -1 if model.source_state is None else column[model.source_state]
 
-    # Two states, one port with memory, no further terms: the fast kernel can take it.
+    # Two states, one port with memory, and what follows these: the fast kernel can take it.
     special = [layout.I_FRICTION, layout.I_CONTACT, layout.I_LIMITER, layout.I_SMOOTH,
                layout.I_GROWING]
-    is_ideal = (n_states == 2 and not ints[special].any() and not opposing.any()
+    felt = opposing[0] if voltage_driven else opposing
+    known = [layout.U, layout.FORCE, layout.ONE]
+    others = np.delete(np.arange(width), [*range(base), *(base + i for i in known)])
+    is_ideal = (not charge_is_state and model.source_state is None
+                and not ints[special].any() and not felt.any()
+                and not model.charge_terms and not model.joint_terms
                 and set(model.force_terms) <= {'external_force'}
-                and not reading[0, base + layout.A_RC:].any())
+                and set(model.charge_reading_terms) <= set(model.states)
+                and not rates[2:, others].any() and not reading[0, others].any())
     initial = np.array([model.initial.get(name, 0.0) for name in names])
     return System(tuple(names), initial, k, v_break, r, real, ints, rates, opposing, reading,
                   omega_max, rate_max, 12 * (k.size + 1), is_ideal)

@@ -41,8 +41,9 @@ def compile_needed(device: Device) -> None:
 
 
 def is_ideal(device: Device) -> bool:
-    """Tell whether a device does without the general kernel."""
-    return assemble(build_model(device)).is_ideal
+    """Tell whether a device is no more than the ideal stack, the kernel of which is small."""
+    system = assemble(build_model(device))
+    return system.is_ideal and len(system.state_names) == 2
 
 
 class LateKernel:
@@ -96,7 +97,7 @@ def compile_kernels() -> None:
             helper.wait()
         finally:
             helper.kill()
-    Plant(Device.nominal()).advance(1e-9)
+    _compile_ideal()
 
 
 def compile_all_beside() -> None:
@@ -104,8 +105,8 @@ def compile_all_beside() -> None:
     if hasattr(os, 'sched_setscheduler'):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # its parent may be real-time
     os.nice(5)
-    for device in (Device.nominal(), _with_states()):
-        Plant(device).advance(1e-9)
+    _compile_ideal()
+    Plant(_with_states()).advance(1e-9)
 
 
 def help_compiling() -> None:
@@ -114,7 +115,13 @@ def help_compiling() -> None:
     (tick, levels, short, _, *space) = rest
     build_mode(0, real, ip, k, rates, opposing, reading, tick, levels, short, *space)
     print('modes', flush=True)
-    Plant(Device.nominal()).advance(1e-9)
+    _compile_ideal()
+
+
+def _compile_ideal() -> None:
+    """Compile the kernel of the ideal stack, alone and with something that follows it."""
+    for effects in {}, {'sensor_lag': {'time_constant': 1e-3}}:
+        Plant(Device.nominal().with_effects(effects)).advance(1e-9)
 
 
 def _compile_ports() -> None:

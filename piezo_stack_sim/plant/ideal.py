@@ -7,17 +7,21 @@ With no more than displacement and velocity as states, a mode is one damped
 oscillator about its equilibrium.  Two facts make a row cost tens of
 nanoseconds: its propagator is a 2x2 matrix, and its energy never grows, which
 bounds the charge for the rest of a held command while everything sticks.
-Whatever needs more than that runs in :mod:`piezo_stack_sim.plant.kernel`; the
-tests hold the two against each other.
+Linear states that only *follow* the stack, as a slow sensor does, are moved along:
+nothing that happens depends on them.  Whatever needs more than that runs in
+:mod:`piezo_stack_sim.plant.kernel`; the tests hold the two against each other.
 """
 
 import math
 
-from piezo_stack_sim.plant.compiled import jit
+from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
 from piezo_stack_sim.plant.layout import (
     A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, M_CHARGE, M_FURTHEST, MAX_EVENTS, U)
 
+# What may drive those that follow, and be read: columns of ``follow`` and ``row``.
+R_X, R_W, R_Q, R_V, R_U, R_F, R_ONE = range(7)
+N_READ = 7
 # Constants of a mode, one row for each number of slipping elements.
 C_K, C_SPRING, C_GAIN, C_DQ_DX, C_DQ_DU, C_OMEGA = range(6)
 N_CONSTANTS = 6
@@ -105,17 +109,125 @@ def mode_constants(k, ratio, converse, cap, mass, stiffness, damping, voltage_dr
 
 
 @jit
+def follow_propagators(follow, own, ratio, cap, mass, damping, voltage_driven, clamped, ticks,
+                       levels, constants, trails, one, power):
+    """
+    Fill in how states that follow are moved by as many ticks as the stack is.
+
+    Parameters
+    ----------
+    follow : numpy.ndarray, shape (m, 7)
+        Their derivatives by x, w, q, v, u, F and one.
+    own : numpy.ndarray, shape (m, m)
+        And by each other.
+    ratio, cap, mass, damping, voltage_driven, clamped, ticks, levels, constants
+        As in :func:`mode_constants`, which has filled in the constants.
+    trails : numpy.ndarray, shape (n+1, d, max(levels)+1, m, 2+2m)
+        Filled in: rows by y = x - centre, w, the m states, and their m constant rates.
+    one, power : numpy.ndarray, shape (2, 2+2m, 2+2m)
+        Space to work in.
+
+    """
+    m = own.shape[0]
+    size = 2 + 2 * m
+    a, e = one
+    term, other = power
+    for slip in range(constants.shape[0]):
+        spring = constants[slip, C_SPRING]
+        dq_dx = constants[slip, C_DQ_DX]
+        dv_dx = (0.0 if voltage_driven
+                 else dq_dx * (1.0 / cap + constants[slip, C_K]) - ratio / cap)
+        for d in range(ticks.size):
+            for i in range(size):
+                for j in range(size):
+                    a[i, j] = 0.0
+                    e[i, j] = 1.0 if i == j else 0.0
+                    term[i, j] = e[i, j]
+            if not clamped:
+                a[0, 1] = 1.0
+                a[1, 0] = -spring / mass
+                a[1, 1] = -damping / mass
+            for i in range(m):
+                a[2 + i, 0] = follow[i, R_X] + dq_dx * follow[i, R_Q] + dv_dx * follow[i, R_V]
+                a[2 + i, 1] = follow[i, R_W]
+                a[2 + i, 2 + m + i] = 1.0
+                for j in range(m):
+                    a[2 + i, 2 + j] = own[i, j]
+            # The series in steps that are short against the motion and those who follow.
+            fastest = math.sqrt(spring / mass) + damping / mass
+            for i in range(m):
+                for j in range(m):
+                    fastest = max(fastest, math.sqrt(abs(own[i, j] * own[j, i])))
+            h = ticks[d]
+            scaling = 0
+            while fastest * h > 0.1:
+                h *= 0.5
+                scaling += 1
+            for order in range(1, 14):
+                for i in range(size):
+                    for j in range(size):
+                        total = 0.0
+                        for c in range(size):
+                            total += term[i, c] * a[c, j]
+                        other[i, j] = total * h / order
+                for i in range(size):
+                    for j in range(size):
+                        term[i, j] = other[i, j]
+                        e[i, j] += other[i, j]
+            for level in range(-scaling, levels[d] + 1):
+                if level >= 0:
+                    for i in range(m):
+                        for j in range(size):
+                            trails[slip, d, level, i, j] = e[2 + i, j]
+                for i in range(size):
+                    for j in range(size):
+                        total = 0.0
+                        for c in range(size):
+                            total += e[i, c] * e[c, j]
+                        other[i, j] = total
+                for i in range(size):
+                    for j in range(size):
+                        e[i, j] = other[i, j]
+
+
+@inline
+def _trail(trails, slip, d, level, y, w, z, rate, moved):
+    """Move states that follow by 2**level ticks, from where the stack is before."""
+    m = z.size
+    e = trails[slip, d, level]
+    for i in range(m):
+        total = e[i, 0] * y + e[i, 1] * w
+        for j in range(m):
+            total += e[i, 2 + j] * z[j] + e[i, 2 + m + j] * rate[j]
+        moved[i] = total
+    for i in range(m):
+        z[i] = moved[i]
+
+
+@inline
+def _driven(follow, x, q, v, u, force, rate):
+    """Tell the rates of states that follow while the stack rests in its equilibrium."""
+    for i in range(rate.size):
+        rate[i] = (follow[i, R_X] * x + follow[i, R_Q] * q + follow[i, R_V] * v
+                   + follow[i, R_U] * u + follow[i, R_F] * force + follow[i, R_ONE])
+
+
+@jit
 def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         s, p, flags, inputs, memory, k, v_break, r, ratio, converse, cap, voltage_driven,
-        clamped, constants, propagators, ticks, levels, short, row, out_state, out_read):
+        clamped, constants, propagators, ticks, levels, short, row, charge_row, state_row,
+        follow, trails, rate, moved, out_state, out_read):
     """
     Advance the ideal stack over segments of constant command and force.
 
-    The arguments are those of :func:`piezo_stack_sim.plant.kernel.run`, with
-    the constants of :func:`mode_constants` and ``row``, the reading of the
-    displacement over x, w, q, v, u, F.  Returns 0, or 1 if a state left the
-    finite numbers.
+    The arguments are those of :func:`piezo_stack_sim.plant.kernel.run`, with the constants of
+    :func:`mode_constants` and :func:`follow_propagators`; ``row`` (7,) and ``state_row`` (m,)
+    are the reading of the displacement over x, w, q, v, u, F, one and the states that follow,
+    ``charge_row`` (m,) what these add to that of the charge; ``rate`` and ``moved`` (m,) are
+    space to work in.  Where nothing follows these are None, and compiled away.  Returns 0, or
+    1 if a state left the finite numbers.
     """
+    z = s[2:]
     n = k.size
     x = s[0]
     w = s[1]
@@ -175,6 +287,10 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         dq_dx = constants[slip, C_DQ_DX]
         q_centre = dq_dx * centre + constants[slip, C_DQ_DU] * free
         y = x - centre
+        if rate is not None:
+            v_centre = u if voltage_driven else (
+                (q_centre - ratio * centre) / cap + a + constants[slip, C_K] * q_centre)
+            _driven(follow, centre, q_centre, v_centre, u, force, rate)
         guard = 0
         while left > 0:
             if slip == 0 or not voltage_driven or (y == 0.0 and w == 0.0):
@@ -190,6 +306,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                     while left > 0:
                         while (1 << level) > left:
                             level -= 1
+                        if rate is not None:
+                            _trail(trails, slip, d, level, y, w, z, rate, moved)
                         e = propagators[slip, d, level]
                         y, w = e[0] * y + e[1] * w, e[2] * y + e[3] * w
                         left -= 1 << level
@@ -221,6 +339,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                 if over:
                     edge_at = crossing(edge, y, w * h, y1, w1 * h, min(part, 1.0))
                 if not over and not turned:
+                    if rate is not None:
+                        _trail(trails, slip, d, level, y, w, z, rate, moved)
                     y = y1
                     w = w1
                     left -= count
@@ -239,6 +359,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
                 if peak > high or peak < low:
                     edge_at = crossing(high if peak > high else low, y, w * h, y1, w1 * h, upto)
                 else:
+                    if rate is not None:
+                        _trail(trails, slip, d, level, y, w, z, rate, moved)
                     y = y1
                     w = w1
                     left -= count
@@ -247,12 +369,16 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             done = max(1, int(math.ceil(min(part if slip > 0 else 2.0, edge_at) * count)))
             if done >= count:
                 done = count
+                if rate is not None:
+                    _trail(trails, slip, d, level, y, w, z, rate, moved)
                 y = y1
                 w = w1
             else:
                 bit = 0
                 while (1 << bit) <= done:
                     if done & (1 << bit):
+                        if rate is not None:
+                            _trail(trails, slip, d, bit, y, w, z, rate, moved)
                         e = propagators[slip, d, bit]
                         y, w = e[0] * y + e[1] * w, e[2] * y + e[3] * w
                     bit += 1
@@ -285,6 +411,8 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             dq_dx = constants[slip, C_DQ_DX]
             q_centre = dq_dx * centre + constants[slip, C_DQ_DU] * free
             y = x - centre
+            if rate is not None:
+                _driven(follow, centre, q_centre, u, u, force, rate)
         x = centre + y
         q = q_centre + dq_dx * y
         far = q
@@ -293,12 +421,19 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
             break
         v_t = (q - ratio * x) / cap  # Eq. 11
         v = u if voltage_driven else v_t + a + constants[slip, C_K] * q  # Eq. 12
-        reading = row[0] * x + row[1] * w + row[2] * q + row[3] * v + row[4] * u + row[5] * force
+        reading = (row[R_X] * x + row[R_W] * w + row[R_Q] * q + row[R_V] * v + row[R_U] * u
+                   + row[R_F] * force)
+        shown = q
+        if rate is not None:
+            reading += row[R_ONE]
+            for i in range(z.size):
+                reading += state_row[i] * z[i]
+                shown += charge_row[i] * z[i]
         index = seg_state[segment]
         if index >= 0:
             out_state[index, 0] = reading
             out_state[index, 1] = w
-            out_state[index, 2] = q
+            out_state[index, 2] = shown
             out_state[index, 3] = v
             out_state[index, 4] = converse * v_t  # Eq. 14
             out_state[index, 5] = q

@@ -43,14 +43,31 @@ class Tables:
         ideal.mode_constants(
             system.k, ratio, converse, cap, real[layout.R_MASS], real[layout.R_STIFFNESS],
             real[layout.R_DAMPING], voltage_driven, clamped, self.tick, self.levels, *constants)
-        row = system.reading[0, :6].copy()
+        n = system.rates.shape[0]
+        base = n + 2
+        columns = [0, 1, n, n + 1, base + layout.U, base + layout.FORCE, base + layout.ONE]
+        row = system.reading[0, columns]
+        # What follows the stack, if anything does: a slow sensor, leaked charge.
+        m = n - 2
+        followers: tuple = (None,) * 6
+        if m:
+            follow = np.ascontiguousarray(system.rates[2:, columns])
+            trails = np.zeros((modes, self.tick.size, int(self.levels.max()) + 1, m, 2 + 2 * m))
+            ideal.follow_propagators(
+                follow, np.ascontiguousarray(system.rates[2:, 2:n]), ratio, cap,
+                real[layout.R_MASS], real[layout.R_DAMPING], voltage_driven, clamped, self.tick,
+                self.levels, constants[0], trails,
+                *np.zeros((2, 2, 2 + 2 * m, 2 + 2 * m)))
+            followers = (system.reading[2, 2:n].copy(), system.reading[0, 2:n].copy(), follow,
+                         trails, np.zeros(m), np.zeros(m))
         # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
         quick = 1.3 / system.omega_max
         short = np.array([min(level, max(0, math.floor(math.log2(quick / tick))))
                           for level, tick in zip(self.levels.tolist(), self.tick)])
         self._run = ideal.run
         self.arguments = (system.k, system.v_break, system.r, ratio, converse, cap,
-                          voltage_driven, clamped, *constants, self.tick, self.levels, short, row)
+                          voltage_driven, clamped, *constants, self.tick, self.levels, short, row,
+                          *followers)
 
     def _prepare_general(self, n_classes: int) -> None:
         system = self.system
