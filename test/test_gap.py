@@ -83,6 +83,7 @@ def test_scatter_within_the_stated_uncertainty_is_calibration_and_no_effect(diag
     assert fitted['fitted'] == pytest.approx(10.1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_gain_error_of_the_driver_shows_in_the_voltage_and_lies_in_the_drive(diagnosed):
     answer = diagnosed({'amplifier_gain': {'gain_error': 0.01}})
     assert answer['verdict'] == 'CAUSE' and answer['selected'] == ['amplifier_gain']
@@ -375,6 +376,7 @@ def test_charge_tells_whether_the_stack_felt_what_displaced_it(device, effects, 
     assert (suspect and suspect.block) == block
 
 
+@pytest.mark.slow
 def test_a_spring_is_named_with_the_capacitor_that_no_channel_tells_from_it(diagnosed):
     answer = diagnosed({'parallel_stiffness': {'stiffness': 5e6}})
     assert answer['selected'] == ['parallel_stiffness']

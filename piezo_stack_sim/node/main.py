@@ -91,10 +91,11 @@ def _warm_up(device) -> None:
 
 
 def _warm_up_effects(nodes) -> None:
-    """Do the same for devices with an effect on: another kernel takes over then."""
+    """Do the same for devices with an effect on: other kernels take over then."""
     from piezo_stack_sim.effects.registry import EFFECTS
     for node in nodes:
-        _warm_up(node.plant.device.with_effects({'creep': EFFECTS['creep'].typical()}))
+        for name in 'creep', 'sensor_lag':  # one acts on the stack, one only follows it
+            _warm_up(node.plant.device.with_effects({name: EFFECTS[name].typical()}))
 
 
 def _build(options: argparse.Namespace, ros_arguments: list[str]):
