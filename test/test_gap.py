@@ -102,6 +102,7 @@ def test_a_compliance_before_the_sensor_is_found_and_the_gap_shrinks_to_the_nois
     assert answer['gap']['charge']['over_noise'] < 1.1
 
 
+@pytest.mark.slow
 def test_displacement_alone_tells_the_gain_of_the_sensor_from_that_of_the_driver(diagnosed):
     answer = diagnosed({'sensor_gain': {'gain_error': 0.08}}, channels=('displacement',))
     # The driver's gain moves the hysteresis as well, the sensor's only scales what is read.

@@ -209,6 +209,7 @@ def test_a_set_without_a_slow_rise_is_refused(tmp_path, capsys):
 
 
 @with_reference
+@pytest.mark.slow
 def test_the_paper_s_device_comes_back_from_the_reference_recordings():
     found, truth = identify(read_set(REFERENCE)), known(PAPER)
     estimates = by_name(found)
