@@ -220,6 +220,14 @@ def test_the_two_kernels_agree(device, effects, drive, monkeypatch):
     assert np.abs(fast.charge - general.charge).max() < 1e-11
 
 
+@pytest.mark.parametrize('time_constant', [1e-12, 5e-324])
+def test_a_lag_that_nothing_could_show_is_none(device, time_constant):
+    command, force = noisy_walk(100, 5)
+    lagging = device.with_effects({'sensor_lag': {'time_constant': time_constant}})
+    assert np.array_equal(Plant(lagging, 1e-4, 'voltage').run(command, force).displacement,
+                          Plant(device, 1e-4, 'voltage').run(command, force).displacement)
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_over_a_closed_cycle_the_device_takes_energy_in(device, seed):
     random = np.random.default_rng(seed)

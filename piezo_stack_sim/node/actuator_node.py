@@ -16,7 +16,7 @@ from piezo_stack_sim.node.parameters import DeviceParameters
 from piezo_stack_sim.node.schedule import Schedule, SECOND
 from piezo_stack_sim.node.simulation_clock import SimulationClock
 from piezo_stack_sim.plant import Plant, Sample
-from piezo_stack_sim.plant.compilation import compile_needed, is_compiled, is_ideal
+from piezo_stack_sim.plant.compilation import compile_needed, is_bare, is_compiled
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import ROSClock
 from rclpy.node import Node
@@ -280,7 +280,7 @@ class ActuatorNode(Node):
         try:
             device = self._parameter_table.changed(parameters)
             if device.effects != self._parameter_table.device.effects:
-                if not is_ideal(device) and not is_compiled():
+                if not is_bare(device) and not is_compiled():
                     raise InputError('what this effect needs is still being compiled, once on '
                                      'this machine; try again in half a minute')
                 Plant(device)  # effects that do not go together are found when put together

@@ -139,7 +139,7 @@ class Model:
         _accumulate(self.charge_loss_terms, terms)
 
     def read_through(self, name: str, rate_constant: float) -> None:
-        """Put a first-order lag with ``rate_constant`` (1/s) behind the reading so far."""
+        """Put a first-order lag of ``rate_constant`` (1/s) behind the reading, unless instant."""
         if rate_constant * INSTANT > 1.0:
             return
         terms = {source: gain * rate_constant for source, gain in self.reading_terms.items()}

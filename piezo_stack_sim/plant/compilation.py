@@ -34,13 +34,13 @@ from piezo_stack_sim.plant.tables import Tables
 
 def compile_needed(device: Device) -> None:
     """Make sure that what this device needs is compiled: both kernels, or the ideal one alone."""
-    if is_ideal(device):
+    if is_bare(device):
         Plant(device).advance(1e-9)
     else:
         compile_kernels()
 
 
-def is_ideal(device: Device) -> bool:
+def is_bare(device: Device) -> bool:
     """Tell whether a device is no more than the ideal stack, the kernel of which is small."""
     system = assemble(build_model(device))
     return system.is_ideal and len(system.state_names) == 2

@@ -18,6 +18,7 @@ from piezo_stack_sim.plant.compiled import inline, jit
 from piezo_stack_sim.plant.cubic import crossing, hermite, turning
 from piezo_stack_sim.plant.layout import (
     A_RC, CHARGE_TOLERANCE, F_DIR, F_SLIP, FORCE, M_CHARGE, M_FURTHEST, MAX_EVENTS, U)
+from piezo_stack_sim.plant.matrices import clear, product, SHORT, TERMS
 
 # What may drive those that follow, and be read: columns of ``follow`` and ``row``.
 R_X, R_W, R_Q, R_V, R_U, R_F, R_ONE = range(7)
@@ -109,8 +110,8 @@ def mode_constants(k, ratio, converse, cap, mass, stiffness, damping, voltage_dr
 
 
 @jit
-def follow_propagators(follow, own, ratio, cap, mass, damping, voltage_driven, clamped, ticks,
-                       levels, constants, trails, one, power):
+def follow_propagators(follow, own, ratio, cap, mass, damping, rate_max, voltage_driven, clamped,
+                       ticks, levels, constants, trails, matrices):
     """
     Fill in how states that follow are moved by as many ticks as the stack is.
 
@@ -122,72 +123,57 @@ def follow_propagators(follow, own, ratio, cap, mass, damping, voltage_driven, c
         And by each other.
     ratio, cap, mass, damping, voltage_driven, clamped, ticks, levels, constants
         As in :func:`mode_constants`, which has filled in the constants.
+    rate_max : float
+        The fastest motion of all (rad/s).
     trails : numpy.ndarray, shape (n+1, d, max(levels)+1, m, 2+2m)
         Filled in: rows by y = x - centre, w, the m states, and their m constant rates.
-    one, power : numpy.ndarray, shape (2, 2+2m, 2+2m)
+    matrices : numpy.ndarray, shape (4, 2+2m, 2+2m)
         Space to work in.
 
     """
     m = own.shape[0]
     size = 2 + 2 * m
-    a, e = one
-    term, other = power
+    rates, e, term, spare = 0, 1, 2, 3
     for slip in range(constants.shape[0]):
-        spring = constants[slip, C_SPRING]
         dq_dx = constants[slip, C_DQ_DX]
         dv_dx = (0.0 if voltage_driven
                  else dq_dx * (1.0 / cap + constants[slip, C_K]) - ratio / cap)
+        for i in range(size):
+            clear(matrices[rates, i], size)
+        if not clamped:
+            matrices[rates, 0, 1] = 1.0
+            matrices[rates, 1, 0] = -constants[slip, C_SPRING] / mass
+            matrices[rates, 1, 1] = -damping / mass
+        for i in range(m):
+            row = matrices[rates, 2 + i]
+            row[0] = follow[i, R_X] + dq_dx * follow[i, R_Q] + dv_dx * follow[i, R_V]
+            row[1] = follow[i, R_W]
+            row[2 + m + i] = 1.0
+            for j in range(m):
+                row[2 + j] = own[i, j]
         for d in range(ticks.size):
-            for i in range(size):
-                for j in range(size):
-                    a[i, j] = 0.0
-                    e[i, j] = 1.0 if i == j else 0.0
-                    term[i, j] = e[i, j]
-            if not clamped:
-                a[0, 1] = 1.0
-                a[1, 0] = -spring / mass
-                a[1, 1] = -damping / mass
-            for i in range(m):
-                a[2 + i, 0] = follow[i, R_X] + dq_dx * follow[i, R_Q] + dv_dx * follow[i, R_V]
-                a[2 + i, 1] = follow[i, R_W]
-                a[2 + i, 2 + m + i] = 1.0
-                for j in range(m):
-                    a[2 + i, 2 + j] = own[i, j]
-            # The series in steps that are short against the motion and those who follow.
-            fastest = math.sqrt(spring / mass) + damping / mass
-            for i in range(m):
-                for j in range(m):
-                    fastest = max(fastest, math.sqrt(abs(own[i, j] * own[j, i])))
-            h = ticks[d]
+            step = ticks[d]
             scaling = 0
-            while fastest * h > 0.1:
-                h *= 0.5
+            while step * rate_max > SHORT:
+                step *= 0.5
                 scaling += 1
-            for order in range(1, 14):
+            for i in range(size):
+                for target in (e, term):
+                    clear(matrices[target, i], size)
+                    matrices[target, i, i] = 1.0
+            for order in range(1, TERMS + 1):
+                product(matrices[term], matrices[rates], step / order, matrices[spare])
+                term, spare = spare, term
                 for i in range(size):
                     for j in range(size):
-                        total = 0.0
-                        for c in range(size):
-                            total += term[i, c] * a[c, j]
-                        other[i, j] = total * h / order
-                for i in range(size):
-                    for j in range(size):
-                        term[i, j] = other[i, j]
-                        e[i, j] += other[i, j]
+                        matrices[e, i, j] += matrices[term, i, j]
             for level in range(-scaling, levels[d] + 1):
                 if level >= 0:
                     for i in range(m):
                         for j in range(size):
-                            trails[slip, d, level, i, j] = e[2 + i, j]
-                for i in range(size):
-                    for j in range(size):
-                        total = 0.0
-                        for c in range(size):
-                            total += e[i, c] * e[c, j]
-                        other[i, j] = total
-                for i in range(size):
-                    for j in range(size):
-                        e[i, j] = other[i, j]
+                            trails[slip, d, level, i, j] = matrices[e, 2 + i, j]
+                product(matrices[e], matrices[e], 1.0, matrices[spare])
+                e, spare = spare, e
 
 
 @inline
@@ -422,10 +408,9 @@ def run(seg_class, seg_ticks, seg_u, seg_force, seg_state, seg_read,
         v_t = (q - ratio * x) / cap  # Eq. 11
         v = u if voltage_driven else v_t + a + constants[slip, C_K] * q  # Eq. 12
         reading = (row[R_X] * x + row[R_W] * w + row[R_Q] * q + row[R_V] * v + row[R_U] * u
-                   + row[R_F] * force)
+                   + row[R_F] * force + row[R_ONE])
         shown = q
         if rate is not None:
-            reading += row[R_ONE]
             for i in range(z.size):
                 reading += state_row[i] * z[i]
                 shown += charge_row[i] * z[i]

@@ -17,8 +17,7 @@ from piezo_stack_sim.plant.layout import (
     R_OMEGA_FAST, R_RATE_MAX, R_RESISTANCE, R_SHARE, R_SINK, R_STIFFNESS, R_T, SMOOTH_V, U,
     VOLTAGE, W_OUT, W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3, WORK_Q, WORK_SOURCE, WORK_V,
     WORK_WANT)
-
-TERMS = 12  # of the series for one tick
+from piezo_stack_sim.plant.matrices import clear, product, SHORT, TERMS
 
 
 @jit
@@ -28,25 +27,6 @@ def mode_index(flags):
     index = index * 2 + (1 if flags[F_FRIC] != 0 else 0)
     index = index * 2 + flags[F_CONTACT]
     return index * 3 + flags[F_LIMIT]
-
-
-@jit
-def _clear(array, size):
-    for i in range(size):
-        array[i] = 0.0
-
-
-@jit
-def _product(a, b, factor, out):
-    """Set ``out`` to the product of two square matrices and a factor."""
-    size = a.shape[0]
-    for i in range(size):
-        _clear(out[i], size)
-        for j in range(size):
-            weight = a[i, j] * factor
-            if weight != 0.0:
-                for c in range(size):
-                    out[i, c] += weight * b[j, c]
 
 
 @jit
@@ -102,14 +82,14 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     cap = real[R_C]
 
     source = work[WORK_SOURCE]
-    _clear(source, width)
+    clear(source, width)
     if ip[I_SOURCE] >= 0:
         source[ip[I_SOURCE]] = 1.0
     else:
         source[n_states + U] = 1.0
 
     q_row = work[WORK_Q]
-    _clear(q_row, width)
+    clear(q_row, width)
     iq = ip[I_QSTATE]
     if iq >= 0:
         q_row[iq] = 1.0
@@ -143,7 +123,7 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
 
     # Rate of q wanted by the source resistance, before any limit.
     want = work[WORK_WANT]
-    _clear(want, width)
+    clear(want, width)
     if iq >= 0:
         total = real[R_RESISTANCE] + real[R_INTERNAL]
         for c in range(width):
@@ -163,7 +143,7 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     size = matrices.shape[1]
     augmented = matrices[0]
     for i in range(size):
-        _clear(augmented[i], size)
+        clear(augmented[i], size)
     for i in range(n_states):
         for c in range(used):
             rate = rates[i, c if c < n_states else c + 2]
@@ -227,13 +207,13 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
         # The propagator of one tick by Taylor series, scaled until it converges fast.
         scaling = 0
         step = cls_tick[d]
-        while step * real[R_RATE_MAX] > 0.25:
+        while step * real[R_RATE_MAX] > SHORT:
             step *= 0.5
             scaling += 1
         e, term, spare = 1, 2, 3  # matrices
         for i in range(size):
             for target in (e, term):
-                _clear(matrices[target, i], size)
+                clear(matrices[target, i], size)
                 matrices[target, i, i] = 1.0
         at = (mode * cls_tick.size + d) * n_levels
         for turn in range(TERMS + scaling + levels[d] + 1):
@@ -242,8 +222,8 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
                 _keep(matrices[e], n_states, used, watch[mode], tables[at + level])
             # One call for all products: it is the larger part of what has to be compiled.
             series = turn < TERMS
-            _product(matrices[term if series else e], matrices[0 if series else e],
-                     step / (turn + 1) if series else 1.0, matrices[spare])
+            product(matrices[term if series else e], matrices[0 if series else e],
+                    step / (turn + 1) if series else 1.0, matrices[spare])
             if series:
                 term, spare = spare, term
                 for i in range(size):

@@ -55,9 +55,9 @@ class Tables:
             trails = np.zeros((modes, self.tick.size, int(self.levels.max()) + 1, m, 2 + 2 * m))
             ideal.follow_propagators(
                 follow, np.ascontiguousarray(system.rates[2:, 2:n]), ratio, cap,
-                real[layout.R_MASS], real[layout.R_DAMPING], voltage_driven, clamped, self.tick,
-                self.levels, constants[0], trails,
-                *np.zeros((2, 2, 2 + 2 * m, 2 + 2 * m)))
+                real[layout.R_MASS], real[layout.R_DAMPING], real[layout.R_RATE_MAX],
+                voltage_driven, clamped, self.tick, self.levels, constants[0], trails,
+                np.zeros((4, 2 + 2 * m, 2 + 2 * m)))
             followers = (system.reading[2, 2:n].copy(), system.reading[0, 2:n].copy(), follow,
                          trails, np.zeros(m), np.zeros(m))
         # A sub-step is short if the fastest motion turns by at most 1.3 rad in it.
