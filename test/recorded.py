@@ -26,10 +26,11 @@ def triangle(rows, height, turns=3):
 
 
 def answered(command, force=None, rate=10e3, drive='voltage', name='triangle', seed=0, noise=1.0):
-    """Return a Recording of what the device answers, zeroed where it begins."""
+    """Return a Recording of what the device answers to the row before, zeroed where it begins."""
     command = np.asarray(command, dtype=float)
-    still = np.zeros(command.size)
-    answer = Statics(DEVICE).answer(drive, command, still if force is None else force)
+    inputs = (np.concatenate((values[:1], values[:-1]))
+              for values in (command, np.zeros(command.size) if force is None else force))
+    answer = Statics(DEVICE).answer(drive, *inputs)
     random = np.random.default_rng(seed)
     measured = {
         each: values + noise * NOISE[each] * random.standard_normal(command.size)

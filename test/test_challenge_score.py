@@ -298,6 +298,15 @@ def test_the_calibration_error_is_the_gap_between_said_and_came_true():
     assert np.isclose(calibration([0.5] * 10, [True, False] * 5)['ece'], 0.0)
 
 
+def test_few_answers_show_a_calibration_error_by_chance():
+    """One bin of 400 at 1/2: a normal deviation of 0.025, its mean sqrt(2/pi) of that."""
+    found = calibration([0.5] * 400, [True] * 400)['ece_by_chance']
+    assert np.isclose(found['mean'], 0.025 * np.sqrt(2.0 / np.pi), rtol=0.05)
+    assert np.isclose(found['p95'], 0.025 * 1.96, rtol=0.08)
+    surely = calibration([1.0] * 9, [True] * 9)['ece_by_chance']
+    assert surely == {'mean': 0.0, 'p95': 0.0}
+
+
 def test_the_page_holds_every_question_and_the_picture(tmp_path):
     """Markdown tables without holes, and a PNG."""
     result = score(answered(tmp_path, blind))

@@ -37,6 +37,16 @@ def test_brackets_in_names_and_headers_are_shown_as_they_are(bench, capsys):
     assert 'displacement [um]' in said
 
 
+def test_what_was_found_in_the_recordings_is_told_with_its_mend(bench, capsys):
+    file, = bench.iterdir()
+    rows = file.read_text().replace('displacement [um]', 'displacement').splitlines()
+    file.write_text('\n'.join([rows[0], *rows[1:500], rows[499], *rows[500:], '']))
+    assert main(['compare', str(bench), '--params', PARAMS]) == 0
+    said = ' '.join(capsys.readouterr().out.split())
+    assert 'row 501: 1 rows are there twice: the second one is dropped' in said
+    assert 'displacement is in um, as its size tells: multiplied by 1e-6' in said
+
+
 def test_the_gap_is_what_the_sensor_reads_too_much(bench, capsys):
     assert main(['compare', str(bench), '--params', PARAMS, '--json']) == 0
     found = json.loads(capsys.readouterr().out)

@@ -19,6 +19,7 @@ from piezo_stack_sim.recording import programmes, RecordingSet
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.read import read_set
 from piezo_stack_sim.recording.write import write_csv_set
+from piezo_stack_sim.resources import config_file
 import pytest
 
 PAPER = Device.nominal()
@@ -206,6 +207,20 @@ def test_a_set_without_a_slow_rise_is_refused(tmp_path, capsys):
     error = capsys.readouterr().err
     assert 'triangle' in error and error.count('\n') == 1
     assert not (tmp_path / 'x.yaml').exists()
+
+
+def test_a_command_before_an_amplifier_is_no_command_of_the_stack(tmp_path, capsys):
+    bits = [each.replace(command=each.command / 15.0) for each in answered(
+        slow(), channels=('voltage', *CHANNELS))]
+    write_csv_set(RecordingSet('set', tuple(bits)), tmp_path / 'set')
+    for start in [], ['--start', str(config_file('ae0505d16.yaml'))]:
+        assert main(['identify', str(tmp_path / 'set'), '--out', str(tmp_path / 'x.yaml'),
+                     *start]) == 2
+        error = capsys.readouterr().err
+        assert '--unit voltage_command=15' in error and error.count('\n') == 1
+    assert not (tmp_path / 'x.yaml').exists()
+    assert main(['identify', str(tmp_path / 'set'), '--out', str(tmp_path / 'x.yaml'),
+                 '--unit', 'voltage_command=15', '--elements', '4']) == 0
 
 
 @with_reference

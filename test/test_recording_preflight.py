@@ -141,6 +141,20 @@ def test_a_gain_that_no_unit_explains_is_noted_and_kept():
                           recording.measured['displacement'] * 30.0)
 
 
+@pytest.mark.parametrize('channels, gain', [
+    (('voltage', 'charge', 'displacement'), 4.0), (('charge', 'displacement'), 30.0)])
+def test_what_an_amplifier_lies_before_is_told_by_its_gain(channels, gain):
+    recording = slow()
+    recording = recording.replace(
+        command=recording.command / gain,
+        measured={name: recording.measured[name] for name in channels})
+    passed, findings = checked(recording)
+    told, = (each for each in findings if 'amplifier' in each)
+    assert told.startswith('note: ')
+    assert float(told.rsplit('=', 1)[1]) == pytest.approx(gain, rel=0.01)
+    assert np.array_equal(passed[0].command, recording.command)
+
+
 def test_a_size_that_no_unit_explains_is_refused():
     recording = slow()
     text = refusal(with_channel(
@@ -405,6 +419,58 @@ def test_a_channel_of_mere_noise_is_left_out():
     passed, findings = checked(with_channel(recording, 'displacement', noise))
     assert 'not connected?' in findings[0]
     assert set(passed[0].measured) == {'voltage', 'charge'}
+
+
+def logged_late(recording):
+    """Return a recording with every command beside what was measured after it."""
+    command = np.concatenate((recording.command[:1], recording.command[:-1]))
+    return recording.replace(command=command)
+
+
+def wobbling(**settings):
+    """Return the recording of a bias with steps of random height, as a real driver lags them."""
+    random = np.random.default_rng(11)
+    command = 40.0 + 20.0 * np.repeat(random.uniform(-1.0, 1.0, 100), 30)
+    recording = answered(np.concatenate((np.linspace(0.0, 40.0, 200), command)), **settings)
+    voltage, lagged = recording.measured['voltage'], np.zeros(len(recording))
+    for k in range(1, lagged.size):
+        lagged[k] = lagged[k - 1] + 0.8 * (voltage[k] - lagged[k - 1])
+    return with_channel(recording, 'voltage', lagged)
+
+
+@pytest.mark.parametrize('recording', [
+    slow(), wobbling(), answered(triangle(3000, 100e-6), drive='charge')],
+    ids=['triangle', 'steps behind a lag', 'charge'])
+def test_a_command_that_shows_in_its_own_row_counts_from_the_row_before(recording):
+    assert checked(recording)[1] == []
+    passed, finding = mended(logged_late(recording))
+    assert finding.startswith('repaired: ') and 'in its own row' in finding
+    assert np.array_equal(passed.command[:-1], recording.command[:-1])
+    assert all(np.array_equal(passed.measured[name], values)
+               for name, values in recording.measured.items())
+
+
+@pytest.mark.parametrize('channels', [('charge', 'displacement'), ('displacement',)])
+def test_jumps_tell_that_without_the_voltage(channels):
+    recording = wobbling()
+    recording = recording.replace(
+        measured={name: recording.measured[name] for name in channels})
+    passed, findings = checked(logged_late(recording))
+    assert len([each for each in findings if 'in its own row' in each]) == 1
+    assert np.array_equal(passed[0].command[:-1], recording.command[:-1])
+    assert np.array_equal(checked(recording)[0][0].command, recording.command)
+
+
+def test_a_recording_that_does_not_tell_was_logged_as_the_others():
+    sine = answered(45.0 * (1.0 - np.cos(np.linspace(0.0, 2.0 * np.pi, 3000))), name='sine')
+    passed, findings = checked(logged_late(sine), logged_late(slow()))
+    assert [('sine.csv' in each, 'in other recordings' in each) for each in findings] == [
+        (True, True), (False, False)]
+    assert np.array_equal(passed[0].command[:-1], sine.command[:-1])
+    # Where the others disagree, or none tells, it stays as it is.
+    for others in [logged_late(slow()), wobbling(name='steps')], []:
+        passed, _ = checked(sine, *others)
+        assert np.array_equal(passed[0].command, sine.command)
 
 
 def test_shorted_leads_show_no_voltage_and_that_is_no_dead_channel():

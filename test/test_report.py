@@ -273,6 +273,7 @@ def test_the_summary_says_it_all(cause):
     text = '\n'.join(line for line, _ in summary_lines(cause, 100))
     for words in ('Cause found: bench', 'Creep in the electrical block', '78.0 nm', '11.1 nm',
                   'electrical 83 %', 'steps 79 %', '1 creep', '2 mount creep',
+                  'Data    repaired: bench/steps.csv: 3 rows have', '(1 more in the report)',
                   'Next    Play steps', 'Warning damping', 'out/report.html',
                   'out/corrected.yaml'):
         assert words in text

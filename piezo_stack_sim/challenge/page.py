@@ -35,11 +35,13 @@ intervals. Made by `piezo_stack challenge score`.
 |---|---|
 | effects left open, median (displacement alone) | {{ score.ambiguity.all.median | number }} \
 ({{ score.ambiguity.displacement_alone.median | number }}) |
-| expected calibration error, Brier score of the first cause | \
-{{ score.calibration.first_cause.ece | number }}, \
-{{ score.calibration.first_cause.brier | number }} |
-| the same of the verdict | {{ score.calibration.verdict.ece | number }}, \
-{{ score.calibration.verdict.brier | number }} |
+{% for who in ('first_cause', 'verdict') -%}
+{% set found = score.calibration[who] -%}
+| expected calibration error of the {{ who | replace('_', ' ') }} \
+(without any error: mean, 95 %), Brier score | \
+{{ found.ece | number }} ({{ found.ece_by_chance.mean | number }}, \
+{{ found.ece_by_chance.p95 | number }}), {{ found.brier | number }} |
+{% endfor -%}
 | true S, median (one effect) | {{ score.shrinkage.true_one_effect.median | number }} |
 | claimed S less true S, median and median size | \
 {{ score.shrinkage.claimed_minus_true.median | number }}, \

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 Z = 1.959964  # two-sided 95 %
+DRAWS = 2000  # of answers as true as their probabilities say
 
 
 def wilson(hits, of):
@@ -57,14 +58,20 @@ def calibration(probabilities, outcomes, bins=10):
     Returns
     -------
     dict
-        n, ece, brier, and bins with their mean probability, rate and count.
+        n, ece, brier, bins with their mean probability, rate and count; and ``ece_by_chance``, the
+        mean and the 95 % quantile of the error that probabilities without any error would show
+        in as few answers.
 
     """
     p = np.asarray(probabilities, dtype=float)
     hit = np.asarray(outcomes, dtype=float)
     if p.size == 0:
-        return {'n': 0, 'ece': None, 'brier': None, 'bins': []}
+        return {'n': 0, 'ece': None, 'brier': None, 'bins': [],
+                'ece_by_chance': {'mean': None, 'p95': None}}
     which = np.minimum((p * bins).astype(int), bins - 1)
+    member = np.equal.outer(which, np.arange(bins)).astype(float)
+    came_true = np.random.default_rng(0).random((DRAWS, p.size)) < p
+    by_chance = np.abs((came_true - p) @ member).sum(axis=1) / p.size
     rows, ece = [], 0.0
     for b in range(bins):
         inside = which == b
@@ -73,7 +80,8 @@ def calibration(probabilities, outcomes, bins=10):
             ece += inside.mean() * abs(stated - came)
             rows.append({'stated': stated, 'true': came, 'count': int(inside.sum())})
     return {'n': int(p.size), 'ece': float(ece), 'brier': float(np.mean((p - hit) ** 2)),
-            'bins': rows}
+            'bins': rows, 'ece_by_chance': {'mean': float(by_chance.mean()),
+                                            'p95': float(np.quantile(by_chance, 0.95))}}
 
 
 def summary(values):

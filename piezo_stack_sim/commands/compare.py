@@ -64,4 +64,5 @@ def _tables(result):
     yield place
     for finding in result['preflight']:
         row = '' if finding['row'] is None else f', row {finding["row"]}'
-        yield f'{finding["severity"]}: {finding["file"]}{row}: {finding["what"]}'
+        mend = f': {finding["mend"]}' if finding['mend'] else ''
+        yield f'{finding["severity"]}: {finding["file"]}{row}: {finding["what"]}{mend}'

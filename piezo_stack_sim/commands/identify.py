@@ -67,5 +67,5 @@ def _tables(found):
                           if e.advice == advice)
         yield f'Not determined by these recordings: {names}. What would: {advice}.'
     for finding in found.findings:
-        if finding.severity != 'note':
+        if finding.mend or finding.severity != 'note':
             yield str(finding)

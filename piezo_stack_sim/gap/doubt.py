@@ -20,7 +20,7 @@ from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.strangers import meet
-from piezo_stack_sim.gap.verdict import Verdict
+from piezo_stack_sim.gap.verdict import OF_ALL, Verdict
 from piezo_stack_sim.gap.where import block_residuals, is_driver_loudest
 
 _PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it: something has '
@@ -86,7 +86,7 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
 
 def _known(best: Ranked) -> str:
     """Return how much of the gap what the library has removes."""
-    return f'{words(best.name)} removes {100.0 * best.removed:.0f} % of the removable gap'
+    return f'{words(best.name)} removes {100.0 * best.removed:.0f} % {OF_ALL}'
 
 
 def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Suspect | None:

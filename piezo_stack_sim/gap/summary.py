@@ -53,19 +53,32 @@ def summary_lines(diagnosis, width=80):
     if verdict == 'UNKNOWN' and diagnosis.get('reason'):
         lines += [(line, '') for line in _wrapped(
             f'Why     {as_sentence(diagnosis["reason"])}', width, 3, ' ' * 8)]
-    lines += [(_cut(line, width), style) for line, style in _causes(diagnosis, width)]
+    last = []
     if diagnosis['next_experiment']:
         text = next_sentence(diagnosis['next_experiment'])
-        lines += [(line, '') for line in _wrapped(f'Next    {text}', width, 2, ' ' * 8)]
-    if diagnosis['warnings']:
-        count = len(diagnosis['warnings'])
-        more = f' ({count - 1} more in the report)' if count > 1 else ''
-        lines.append((_cut(f'Warning {diagnosis["warnings"][0]}', width - len(more)) + more,
-                      'yellow'))
+        last += [(line, '') for line in _wrapped(f'Next    {text}', width, 2, ' ' * 8)]
+    last += [(_first(word, each, width), style) for word, each, style in (
+        ('Data', _data(diagnosis), 'yellow'), ('Warning', diagnosis['warnings'], 'yellow'))
+        if each]
     # Paths are for copying: never cut
-    lines += [(f'Wrote   {_printable(path)}', 'dim')
-              for path in list(diagnosis.get('files', {}).values())[:3]]
-    return lines[:LINES]
+    last += [(f'Wrote   {_printable(path)}', 'dim')
+             for path in list(diagnosis.get('files', {}).values())[:3]]
+    causes = [(_cut(line, width), style) for line, style in _causes(diagnosis, width)]
+    return [*lines, *causes[:max(LINES - len(lines) - len(last), 0)], *last][:LINES]
+
+
+def _data(diagnosis):
+    """Return what was refused, repaired or noted in the recordings, the worst first."""
+    grave = ('refused', 'repaired', 'note')
+    rows = sorted(diagnosis.get('preflight', ()), key=lambda row: grave.index(row['severity']))
+    return [f'{row["severity"]}: {row["file"]}: {row["what"]}' for row in rows
+            if row['severity'] != 'note' or row['mend']]
+
+
+def _first(word, texts, width):
+    """Return the first of some texts on a line of its own, and how many more there are."""
+    more = f' ({len(texts) - 1} more in the report)' if len(texts) > 1 else ''
+    return _cut(f'{word:<7} {texts[0]}', width - len(more)) + more
 
 
 def _gap(diagnosis):

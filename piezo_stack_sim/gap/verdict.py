@@ -16,6 +16,9 @@ from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked, Thresholds
 from piezo_stack_sim.gap.second import (
     are_two_of_a_kind, counts, is_in_the_shade, stands_clear, well_formed)
 
+# The title of a report speaks of one channel, what decides is the sum.
+OF_ALL = 'of the removable gap in all channels together'
+
 
 def probabilities(ranked: list[Ranked], thresholds: Thresholds = DEFAULTS,
                   classes: Collection[Collection[str]] = ()) -> np.ndarray:
@@ -255,8 +258,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        'parameters within their uncertainty is noise', t.nothing,
                        1.0 - t.nothing)
     if poor or weak or best.odds(t.one, hidden) < t.believed:
-        known = (f'the best effect, {words(best.name)}, removes {_percent(best.removed)} of the '
-                 'removable gap' if best.gain > 0.0 else 'no effect removes any of it')
+        known = (f'the best effect, {words(best.name)}, removes {_percent(best.removed)} '
+                 f'{OF_ALL}' if best.gain > 0.0 else 'no effect removes any of it')
         left = ('no recording stands out of the noise' if structure < t.excess else
                 f'structure of {significant(1.0 + structure)} times the noise power is left')
         return Verdict('UNKNOWN', (), (), f'{left}; {known}, a flexible correction '
@@ -271,7 +274,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     if len(tie) > 1:
         return Verdict('AMBIGUOUS', (named.name,), tie, 'these recordings do not decide between '
                        f'{len(tie)} effects', among, sure)
-    does = (f'removes {_percent(named.removed)} of the removable gap' if explained >= t.explained
+    does = (f'removes {_percent(named.removed)} {OF_ALL}' if explained >= t.explained
             else 'explains what hardly stands out of the noise')
     return Verdict('CAUSE', (named.name,), (named.name,),
                    f'{words(named.name)} {does} and nothing else comes close', among, sure)
@@ -300,15 +303,15 @@ def _why_two(best: Ranked, pair: Ranked) -> str:
         mended = pair.beside.name.split('+')
         first, second = sorted(pair.name.split('+'), key=lambda name: name not in mended)
         mends, = set(mended) - {first}
-        return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap; of '
+        return (f'{words(best.name)} removes {_percent(best.removed)} {OF_ALL}; of '
                 f'what {words(first)} leaves together with {words(mends)}, which only mends its '
                 f'form, {words(second)} explains {_percent(pair.part)} where it acts')
     first, second = sorted(pair.name.split('+'), key=lambda name: name != best.name)
     if first != best.name:
-        return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap, '
+        return (f'{words(best.name)} removes {_percent(best.removed)} {OF_ALL}, '
                 f'{words(first)} with {words(second)} {_percent(pair.removed)}; of what either '
                 f'leaves where the other acts, that explains {_percent(pair.part)}')
-    removes = (f'{words(first)} removes {_percent(best.removed)} of the removable gap, with '
+    removes = (f'{words(first)} removes {_percent(best.removed)} {OF_ALL}, with '
                f'{words(second)} {_percent(pair.removed)}; ')
     if pair.part < DEFAULTS.finish_part:  # believed for how little is left, wherever it acts
         left = (1.0 - pair.removed) / max(1.0 - best.removed, 1e-9)
@@ -320,7 +323,7 @@ def _why_two(best: Ranked, pair: Ranked) -> str:
 def _why_clear(best: Ranked, pair: Ranked) -> str:
     """Return why a second effect is believed in, however much the form of the first leaves."""
     second, = set(pair.name.split('+')) - {best.name}
-    return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap; of what '
+    return (f'{words(best.name)} removes {_percent(best.removed)} {OF_ALL}; of what '
             f'it leaves where it does less than {words(second)}, that explains '
             f'{_percent(pair.clear_part)}')
 
@@ -328,7 +331,7 @@ def _why_clear(best: Ranked, pair: Ranked) -> str:
 def _why_formed(best: Ranked, pair: Ranked) -> str:
     """Return why a second effect is believed in that the form of the first could not mend."""
     second, = set(pair.name.split('+')) - {best.name}
-    return (f'{words(best.name)} removes {_percent(best.removed)} of the removable gap, with '
+    return (f'{words(best.name)} removes {_percent(best.removed)} {OF_ALL}, with '
             f'{words(second)} {_percent(pair.removed)}; what the first leaves is not what an '
             'error of its form would be')
 

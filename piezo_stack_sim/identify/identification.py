@@ -20,6 +20,7 @@ from piezo_stack_sim.identify.tracks import make_tracks
 from piezo_stack_sim.identify.vector import Layout
 from piezo_stack_sim.plant.parameters import Device
 from piezo_stack_sim.recording.finding import Finding
+from piezo_stack_sim.recording.magnitude import check_amplified
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
 
@@ -98,6 +99,8 @@ def identify(recordings: RecordingSet, start: Device | None = None,
     # The size of a displacement in units of its own is that of the device one starts from.
     sizing = guess_device(start) if any(each.arbitrary for each in recordings) else start
     checked, findings = preflight(recordings, sizing)
+    for each in checked:
+        check_amplified(each)  # a parameter file of the amplifier and the stack would fit no stack
     originals = {each.name: each for each in recordings}
     tracks = make_tracks(checked.recordings, originals)
     if not tracks:

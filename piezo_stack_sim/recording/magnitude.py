@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.finding import found, NOTE, refuse, REPAIRED
 from piezo_stack_sim.recording.mapping import UNITS
 from piezo_stack_sim.recording.samples import without
@@ -18,6 +19,9 @@ _NAMES = {-3: 'k', 3: 'm', 6: 'u', 9: 'n'}
 # Nobody excites a stack with less of its range than this.
 _LEAST = 0.01
 _SURE = 0.7
+# Decades by which what is driven may be away from its command.
+_GAIN = 0.3
+_TURNS = 8
 # Decades that a device may be away from its data sheet: an effect, not a unit.
 _WIDE = 1.0
 _ODD = 2.0
@@ -177,22 +181,65 @@ def check_units(recording, statics):
     best = readings[0]
     as_is = next((x for x in readings if x.command_power == 0 and x.force_power == 0), None)
     if as_is and as_is.cost < 1.0:
-        return recording, _odd(recording, as_is)
+        return recording, _odd(recording, as_is, statics)
     rivals = [each for each in readings[1:] if each.complete and each.cost < best.cost + 0.5
               and each.distance < best.distance + 0.5]
     if not best.complete or rivals:
         raise _unexplained(recording, as_is or best)
-    return _scaled(recording, best)
+    return _scaled(recording, best, statics)
 
 
-def _odd(recording, reading):
-    """Note channels that are far off, but by no unit."""
+def _odd(recording, reading, statics):
+    """Note channels that are far off, but by no unit: all by one factor, it is the command's."""
+    far = {channel: ratio for channel, ratio in reading.ratios.items() if not reading.powers[channel]
+           and abs(math.log10(ratio)) > (_GAIN if channel == recording.drive else _WIDE)}
+    alike = len(far) > 1 and max(far.values()) < 3.0 * min(far.values())
+    if recording.drive in far or alike:
+        told = [recording.drive] if recording.drive in far else list(far)
+        factor = _gain(recording, statics, told)
+        return [found(
+            recording, None, NOTE, f'{" and ".join(told)}: {factor:.4g} times what '
+            f'{recording.command_name} should do', 'if an amplifier lies between, give its gain, '
+            f'as in --unit {recording.command_name}={factor:.3g}')]
     return [
         found(recording, None, NOTE,
-              f'{channel} moves {reading.ratios[channel]:.2g} times as far as the device should',
+              f'{channel} moves {ratio:.2g} times as far as the device should',
               'check its gain; --unit takes factors too')
-        for channel in reading.ratios if abs(math.log10(reading.ratios[channel])) > _WIDE
+        for channel, ratio in far.items()
     ]
+
+
+def _gain(recording, statics, channels):
+    """Return the factor of the command with which some channels move as far as they should."""
+    factor = 1.0
+    for _ in range(_TURNS):  # with hysteresis, twice the command does more than twice as much
+        ratios = _Reading(recording.replace(command=recording.command * factor), statics, 0,
+                          0).ratios
+        factor *= math.exp(np.mean([math.log(ratios[channel]) for channel in channels]))
+    return factor
+
+
+def check_amplified(recording):
+    """
+    Ask that what is driven is what was commanded, and no multiple of it.
+
+    Raises
+    ------
+    InputError
+        If it moves more than twice or less than half as far.
+
+    """
+    values = recording.measured.get(recording.drive)
+    moved = recording.command[:-1] - np.mean(recording.command[:-1])
+    if values is None or not np.any(moved):
+        return
+    factor = float(moved @ values[1:] / (moved @ moved))
+    if factor > 0.0 and abs(math.log10(factor)) > _GAIN:
+        name = recording.command_name
+        raise InputError(str(refuse(
+            recording, None, f'{recording.drive} moves {factor:.4g} times as far as {name}',
+            'if an amplifier lies between, give its gain, as in '
+            f'--unit {name}={factor:.3g}; if it is a unit, that of either')))
 
 
 def _unexplained(recording, reading):
@@ -205,7 +252,7 @@ def _unexplained(recording, reading):
                   f'give them, as in --unit {name}=u{UNITS[name]}')
 
 
-def _scaled(recording, reading):
+def _scaled(recording, reading, statics):
     findings, changes = [], {}
     named = {channel: power for channel, power in reading.powers.items() if power}
     measured = {name: values * 10.0**-named.get(name, 0)
@@ -218,7 +265,8 @@ def _scaled(recording, reading):
         changes['external_force'] = recording.external_force * 10.0**reading.force_power
     for name, power in named.items():
         findings.append(_in_unit(recording, name, power, 'as its size tells'))
-    return recording.replace(measured=measured, **changes), findings
+    scaled = recording.replace(measured=measured, **changes)
+    return scaled, findings + _odd(scaled, _Reading(scaled, statics, 0, 0), statics)
 
 
 def _in_unit(recording, name, power, why):

@@ -12,7 +12,7 @@ from collections import defaultdict
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.recording import magnitude, samples, sign, timing
+from piezo_stack_sim.recording import causality, magnitude, samples, sign, timing
 from piezo_stack_sim.recording.finding import Finding, found, NOTE, refuse, RefusedError
 from piezo_stack_sim.recording.recording import MEASURED
 from piezo_stack_sim.recording.statics import Statics
@@ -30,7 +30,8 @@ def preflight(recording_set, device=None, require_measured=True, strict=False):
 
     Mended: rows that are there twice or out of order, a few lost rows or missing samples, times
     of arrival of a regular sampler, times since 1970, units that are wrong by an unmistakable
-    power of a thousand, unmistakably swapped signs, sensors that do not begin at zero. Left out:
+    power of a thousand, unmistakably swapped signs, sensors that do not begin at zero, commands
+    that were written beside what followed them. Left out:
     channels that are dead or mostly missing, what follows a gap in which the commands are
     unknown. Refused: what cannot be mended safely.
 
@@ -65,6 +66,8 @@ def preflight(recording_set, device=None, require_measured=True, strict=False):
         samples.check_length,
     ):
         stages.run(check)
+    told = {each.name: causality.shows_at_once(each) for each in stages.passed}
+    stages.run(lambda each: causality.advance(each, told[each.name], told.values()))
     if device is None:
         stages.run(magnitude.check_limits)
         stages.run(lambda each: samples.check_alive(each, {}))

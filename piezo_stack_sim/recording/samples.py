@@ -181,7 +181,8 @@ def check_clipped(recording, expected):
         low, high = values.min(), values.max()
         clipped, standing = [], []
         for start, end in equal:
-            if np.ptp(guide[start:end + 1]) < _MOVED * span:
+            # The last row is sampled before its inputs take effect.
+            if np.ptp(guide[start:end]) < _MOVED * span:
                 continue
             if values[start] in (low, high):
                 clipped.append((start, end))
