@@ -14,7 +14,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from piezo_stack_sim.recording.finding import found, Finding, REPAIRED
+from piezo_stack_sim.recording.finding import Finding, found, REPAIRED
 from piezo_stack_sim.recording.recording import Recording
 
 # Power that one order of cause and effect may leave of what the other leaves.

@@ -191,8 +191,9 @@ def check_units(recording, statics):
 
 def _odd(recording, reading, statics):
     """Note channels that are far off, but by no unit: all by one factor, it is the command's."""
-    far = {channel: ratio for channel, ratio in reading.ratios.items() if not reading.powers[channel]
-           and abs(math.log10(ratio)) > (_GAIN if channel == recording.drive else _WIDE)}
+    far = {channel: ratio for channel, ratio in reading.ratios.items()
+           if not reading.powers[channel] and abs(math.log10(ratio)) > (
+               _GAIN if channel == recording.drive else _WIDE)}
     alike = len(far) > 1 and max(far.values()) < 3.0 * min(far.values())
     if recording.drive in far or alike:
         told = [recording.drive] if recording.drive in far else list(far)
