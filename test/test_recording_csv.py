@@ -99,6 +99,53 @@ def test_a_cell_is_its_number_or_an_error(tmp_path_factory, cells):
         assert np.isnan(value) if missing else value == float(cell.strip(' "'))
 
 
+@pytest.mark.parametrize('text', [
+    GOOD.replace(',', ';').replace('.', ','),
+    GOOD.replace(',', '\t').replace('.', ','),
+    # With a date, which has points of its own, every cell is looked at.
+    GOOD.replace(',', ';').replace('.', ',').replace('\n', ';26.11.2026\n'),
+    GOOD.replace(',', ';').replace('.', ',').replace('1e-7', '"1e-7"'),
+], ids=['semicolon', 'tab', 'date', 'quotes'])
+def test_decimals_may_be_written_with_a_comma(tmp_path, text):
+    recording = read_csv(written(tmp_path, text))
+    assert recording.time.tolist() == [0.0, 0.001, 0.002]
+    assert recording.measured['displacement'].tolist() == [0.0, 1e-7, 2.5e-7]
+    assert ['decimals' in each.what for each in recording.findings] == [True]
+
+
+@pytest.mark.parametrize('text', [
+    'time;voltage_command;displacement\n0;0;0\n0,001;1;1e-7\n0.002;2;3e-7\n',
+    'time;voltage_command;displacement\n0;0;0\n0.001;1;1e-7\n0;1,234;3e-7\n',
+])
+def test_decimals_are_written_in_one_way(tmp_path, text):
+    assert error(written(tmp_path, text)).endswith(
+        'is not a number: write all decimals with a point')
+
+
+def test_a_row_of_units_may_follow_the_names(tmp_path):
+    units = GOOD.replace('\n', '\n[ms],V,(um)\n', 1)
+    recording = read_csv(written(tmp_path, units))
+    assert recording.time == pytest.approx([0.0, 1e-6, 2e-6])
+    assert recording.measured['displacement'] == pytest.approx([0.0, 1e-13, 2.5e-13])
+    assert recording.rows.tolist() == [3, 4, 5]
+    assert [each.what.split(': ')[-1] for each in recording.findings] == [
+        'the header gives time in ms', 'the header gives displacement in um']
+    # What --unit says counts, and what is no unit is no secret.
+    assert read_csv(written(tmp_path, units), units=parse_units(['time=s'])).time[1] == 0.001
+    wrong = error(written(tmp_path, units.replace('(um)', 'Volt')))
+    assert wrong.startswith(": row 2: displacement: 'Volt' is no unit of it")
+    assert wrong.endswith('--unit displacement=... overrules it')
+
+
+def test_brackets_behind_a_mapped_column_give_its_unit(tmp_path):
+    path = written(tmp_path, GOOD.replace('displacement', 'Weg [um]'))
+    mapping = parse_mapping(['displacement=Weg [um]'])
+    assert read_csv(path, mapping).measured['displacement'] == pytest.approx([0.0, 1e-13, 2.5e-13])
+    path = written(tmp_path, GOOD.replace('displacement', 'Weg (Sensor)'))
+    mapping = parse_mapping(['displacement=Weg (Sensor)'])
+    assert read_csv(path, mapping).measured['displacement'].tolist() == [0.0, 1e-7, 2.5e-7]
+
+
 @pytest.mark.parametrize('text, complaint', [
     ('', ': empty'),
     ('\n\n# nothing\n', ': empty'),
@@ -108,7 +155,7 @@ def test_a_cell_is_its_number_or_an_error(tmp_path_factory, cells):
     (GOOD.replace('1e-7', '1_0'), ": row 3, column 'displacement': '1_0' is not a number"),
     (GOOD.replace('1e-7', '٣'), ": row 3, column 'displacement'"),
     (GOOD.replace(',', ';').replace('0.002', '0,002'), ": row 4, column 'time': '0,002' is not a "
-     'number: write decimals with a point'),
+     'number: write all decimals with a point'),
     (GOOD.replace('1e-7', '1e-7,4'), ': row 3: 4 cells, but the header has 3'),
     (GOOD.replace('1,1e-7', '1'), ': row 3: 2 cells, but the header has 3'),
     (GOOD.replace('time', 'tiem'), ": no column \"time\" (did you mean 'tiem'?)"),

@@ -16,7 +16,8 @@ from piezo_stack_sim.recording.assemble import (
     assemble, checked_drive, COMMANDS, MAX_VALUES, thinned,
 )
 from piezo_stack_sim.recording.finding import Finding, NOTE, REPAIRED, shown
-from piezo_stack_sim.recording.mapping import CHANNELS, header_unit, suggestion
+from piezo_stack_sim.recording.mapping import (
+    boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
 
 _BLOCK = 1 << 22
 _LONGEST_LINE = 1 << 20
@@ -116,12 +117,30 @@ class _Header:
             )
         self.row = number
         self.rest = block[position:]
+        self.decimal = None  # how fractions are written, from the first that is met
+        self.units = self._take_units()
+
+    def _take_units(self):
+        """Return the cells of a row of units below the names, and go past it; none if not so."""
+        line, _, rest = self.rest.partition(b'\n')
+        cells = [cell.strip(' \t[]()') for cell in _split(
+            self.path, line.decode('utf-8', 'replace'), self.row + 1, self.delimiter)]
+        letters = [cell for cell in cells if cell]
+        if len(cells) != len(self.names) or not letters or any(
+                map(str.isdigit, ''.join(letters))) or all(map(_is_missing, letters)):
+            return [''] * len(self.names)
+        self.rest, self.row = rest, self.row + 1
+        return cells
+
+
+def _is_missing(text):
+    return text.strip(' \t').lower() in _MISSING
 
 
 def _number(text):
     """Return the float of a cell, NaN for a missing one, None for anything else."""
     text = text.strip(' \t')
-    if text.lower() in _MISSING:
+    if _is_missing(text):
         return math.nan
     # float() would also take 1_000, the digits of other scripts and odd white space.
     if '_' in text or not text.isascii() or not text.isprintable():
@@ -153,11 +172,33 @@ class _Columns:
             if tagged:
                 self._note(tagged[0][0], f'the header gives {channel} in {tagged[0][1][1]}')
                 self.scale[channel] = tagged[0][1][2]
+        for channel, place in self.index.items():
+            tag = boxed_unit(channel, names[place])
+            if channel in self.scale or channel in units:
+                continue
+            if header.units[place]:
+                self._scale(channel, header.units[place], self._unit(channel, header))
+            elif tag:
+                self._scale(*tag)
         for channel, factor in units.items():
             if channel in self.index:
                 self.scale[channel] = factor
                 self._note(self.index[channel], f'{channel} is multiplied by {factor:g} (--unit)')
         self._check(header.drive)
+
+    def _unit(self, channel, header):
+        """Return the factor to SI of a unit in the row of units."""
+        unit = header.units[self.index[channel]]
+        try:
+            return unit_scale(channel, unit)
+        except InputError as error:
+            raise InputError(f'{self.path}: row {header.row}: {str(error).removeprefix("--unit ")}'
+                             f'; --unit {channel}=... overrules it') from None
+
+    def _scale(self, channel, unit, factor):
+        self.scale[channel] = factor
+        if factor != 1.0:
+            self._note(self.index[channel], f'the header gives {channel} in {unit}')
 
     def _note(self, index, what, mend=''):
         what = f'column {shown(self.names[index])}: {what}'
@@ -212,16 +253,25 @@ def _careful(path, lines, numbers, header, columns):
                 f'{len(header.names)}: mend or remove the row'
             )
         for j, (channel, place) in enumerate(columns.index.items()):
-            value = _number(cells[place])
+            value = _fraction(cells[place], header)
             if value is None:
-                comma = header.delimiter != ',' and ',' in cells[place]
-                mend = ': write decimals with a point' if comma else ''
+                marked = header.delimiter != ',' and set(cells[place]) & {',', '.'}
+                mend = ': write all decimals with a point' if marked else ''
                 raise InputError(
                     f'{path}: row {numbers[k]}, column {shown(header.names[place])}: '
                     f'{shown(cells[place])} is not a number{mend}'
                 )
             out[k, j] = value
     return out
+
+
+def _fraction(cell, header):
+    """Return the float of a cell, as `_number`; in one file with a point or with a comma."""
+    mark = ',' if header.delimiter != ',' and ',' in cell else '.' if '.' in cell else None
+    header.decimal = header.decimal or mark
+    if mark not in (None, header.decimal):
+        return None
+    return _number(cell.replace(',', '.') if mark == ',' and '.' not in cell else cell)
 
 
 def _even(data, delimiter, width):
@@ -255,15 +305,19 @@ def _parse(path, data, first, header, columns):
         numbers = numbers[full]
         data = b''.join(lines[k] + b'\n' for k in full)
     if data and b'"' not in data and _even(data, header.delimiter, len(header.names)):
+        commas = header.delimiter != ',' and b',' in data and b'.' not in data
+        plain = data.replace(b',', b'.') if commas else data
         for prepare in (lambda text, _: text, _filled):
             try:
-                return np.loadtxt(
-                    io.BytesIO(prepare(data, header.delimiter)), delimiter=header.delimiter,
+                values = np.loadtxt(
+                    io.BytesIO(prepare(plain, header.delimiter)), delimiter=header.delimiter,
                     comments=None, ndmin=2, usecols=list(columns.index.values()),
-                    encoding='latin-1',
-                ), numbers
+                    encoding='latin-1')
             except ValueError:
                 continue
+            if header.decimal in (None, ',') if commas else header.decimal != ',':
+                header.decimal = ',' if commas else header.decimal
+                return values, numbers
     return _careful(path, data.split(b'\n')[:-1], numbers, header, columns), numbers
 
 
@@ -273,7 +327,8 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
 
     The first row that is neither empty nor a comment names the columns; a comment
     ``# drive: open`` or ``# drive: shorted`` stands for a command. Cells are separated by commas,
-    semicolons or tabs. Empty cells, NaN, NA, N/A, null and none are read as NaN. A last row
+    semicolons or tabs; beside the latter two, decimals may be written with a comma. A row of units
+    may follow the names. Empty cells, NaN, NA, N/A, null and none are read as NaN. A last row
     without a line end is left out, because nobody can tell whether it was cut within a number.
 
     Parameters
@@ -319,6 +374,8 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
             parts, numbers = [np.concatenate(parts)[::2]], [np.concatenate(numbers)[::2]]
             kept, step = len(parts[0]), 2 * step
     findings = list(columns.findings)
+    if header.decimal == ',':
+        findings.append(Finding(path, None, NOTE, 'decimals are written with a comma'))
     if lines.cut:
         findings.append(Finding(
             path, int(line), REPAIRED, 'the last row has no line end, it may have been cut',

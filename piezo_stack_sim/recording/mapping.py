@@ -233,7 +233,18 @@ def header_unit(header):
     match = _HEADER_UNIT.fullmatch(header.strip()[:80])
     if not match or match['name'].strip().lower() not in UNITS:
         return None
-    channel, unit = match['name'].strip().lower(), (match['boxed'] or match['tail']).strip()
+    return _tagged(match['name'].strip().lower(), match['boxed'] or match['tail'])
+
+
+def boxed_unit(channel, header):
+    """Return the same for a column of any name that is mapped to a channel: ``x [um]``."""
+    match = _HEADER_UNIT.fullmatch(header.strip()[:80])
+    return _tagged(channel, match['boxed']) if match and match['boxed'] else None
+
+
+def _tagged(channel, unit):
+    """Return the channel, unit and factor; None if it is none."""
+    unit = unit.strip()
     # Letters alone: 'displacement_2' is a second sensor, not a displacement in units of 2 m.
     if not unit.isalpha():
         return None
