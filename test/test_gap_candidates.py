@@ -15,7 +15,8 @@ from piezo_stack_sim.gap.descent import _bounded_step, descend, Landscape
 from piezo_stack_sim.gap.fit import _inverse, Fit
 from piezo_stack_sim.gap.forward import followed, residuals, simulate_set, spans
 from piezo_stack_sim.gap.nominal import Nuisance
-from piezo_stack_sim.gap.starts import extent_of, starts_of
+from piezo_stack_sim.gap.pairs import _promise
+from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest
@@ -166,6 +167,38 @@ def test_a_sharp_resonance_beside_a_late_sensor_is_seen_from_close_by(device, fr
     found = found.effects['mechanical_resonance']
     assert found['frequency'] == pytest.approx(frequency, rel=0.01)
     assert found['participation'] < -0.1
+
+
+def test_what_only_the_other_way_would_gain_promises_nothing(device):
+    fitter = fitter_of(device, device.with_effects({'sensor_gain': {'gain_error': 0.02}}),
+                       (programmes.triangle(),), np.random.default_rng(4))
+    nominal = fitter.fit({}, held=True)
+    place = Place({}, {'gain_error': 0.01})
+    moved = fitter.residual_of({'sensor_gain': {'gain_error': 0.01}}, nominal.phi)
+    there = (moved - nominal.residual)[:, None]
+
+    def gain(direction, low, high):
+        return fitter.linear_gain(direction, nominal, lambda f: np.clip(f, low, high))
+
+    whole, factors = fitter.linear_gain(there, nominal)
+    assert place.at(EFFECTS['sensor_gain'], factors)['gain_error'] == pytest.approx(0.02, rel=0.2)
+    assert gain(there, 0.0, np.inf) == (pytest.approx(whole), pytest.approx(factors))
+    assert gain(-there, 0.0, np.inf) == (pytest.approx(0.0, abs=1e-6 * whole), 0.0)
+    # Half of the way of a parabola is three quarters of its fall.
+    assert gain(there, 0.0, factors / 2.0)[0] == pytest.approx(0.75 * whole)
+
+
+def test_a_second_effect_that_would_have_to_be_negative_promises_nothing(device):
+    delay = {'command_delay': {'delay': 2e-5}}
+    fitter = fitter_of(device, device.with_effects(delay), (programmes.triangle(),),
+                       np.random.default_rng(4))
+    nominal = fitter.fit({}, held=True)
+    late = (fitter.residual_of(delay, nominal.phi) - nominal.residual)[:, None]
+    place = Place({}, {'delay': 2e-5}, dense=True)
+    gain, _, there = _promise(fitter, nominal, Probe('command_delay', {}, late, look=place))
+    assert gain > 1e3 and there['delay'] == pytest.approx(2e-5, rel=0.05)
+    gain, _, there = _promise(fitter, nominal, Probe('command_delay', {}, -late, look=place))
+    assert gain == pytest.approx(0.0, abs=1e-3) and there['delay'] == 0.0
 
 
 @pytest.mark.parametrize('frequency', [230.0, 900.0, 3300.0])

@@ -175,6 +175,18 @@ def test_a_pair_that_nobody_would_believe_takes_no_place(stop_and_delay):
     assert rivals_of(clear.name, first, [clear, believed], DEFAULTS, ()) == [clear]
 
 
+def test_what_resembles_a_believed_second_and_does_as_well_is_left_open(stop_and_delay):
+    singles, pair = stop_and_delay
+    believed = replace(pair('contact+thermal_drift', 700.0), part=0.46)
+    twin = replace(believed, name='contact+sensor_drift', part=0.2, second=39.0)
+    kin = {frozenset(('thermal_drift', 'sensor_drift'))}
+    assert rivals_of(believed.name, singles[0], [believed, twin], DEFAULTS, ()) == [believed]
+    assert rivals_of(believed.name, singles[0], [believed, twin], DEFAULTS, kin) == [
+        believed, twin]
+    worse = replace(twin, gain=twin.gain - 3.0)
+    assert worse not in rivals_of(believed.name, singles[0], [believed, worse], DEFAULTS, kin)
+
+
 def test_of_two_effects_a_second_that_shows_no_end_is_the_one_that_has_none(stop_and_delay):
     singles, pair = stop_and_delay
     pairs = [replace(pair('contact+thermal_drift', 700.0), simpler='contact+sensor_drift',

@@ -409,7 +409,8 @@ def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit,
     if not np.isfinite(directions).all() or np.abs(directions).max() > 1e9:
         return Probe(name, place.looks[0], None)
     now = fitter.cost(nominal.residual, nominal.phi)
-    gain, factors = fitter.linear_gain(directions, nominal)
+    gain, factors = fitter.linear_gain(
+        directions, nominal, lambda factors: place.within(EFFECTS[name], factors))
     directions = directions.astype(np.float32)
     if not place.strengths:
         cost, phi = fitter.retuned(moved[0], filed)

@@ -249,7 +249,9 @@ class Fitter:
         return None if frequency is None else Tone(self.evidence, frequency).match(
             self._residual(others, [], np.empty(0), phi))
 
-    def linear_gain(self, directions: np.ndarray, fit: Fit) -> tuple[float, np.ndarray]:
+    def linear_gain(self, directions: np.ndarray, fit: Fit,
+                    within: Callable[[np.ndarray], np.ndarray] = lambda factors: factors
+                    ) -> tuple[float, np.ndarray]:
         """
         Return by how much the cost would fall along directions of the residual, and how far.
 
@@ -261,6 +263,9 @@ class Fitter:
             Changes of the residual.
         fit : Fit
             Where to start.
+        within : callable, optional
+            Turns multiples of the directions (k,) into those that bounds allow: what only
+            the other way would gain, gains nothing.
 
         Returns
         -------
@@ -278,8 +283,10 @@ class Fitter:
         scale = 1.0 / np.sqrt(np.maximum(length, 1e-9))
         alike = square * np.outer(scale, scale) + 1e-6 * np.eye(length.size)
         along = scale * (clear.T @ self.view(fit).left)
-        factors = np.linalg.solve(alike, along)
-        return float(along @ factors), -scale * factors
+        best = np.linalg.solve(alike, along)
+        factors = within(-scale * best)
+        missed = best + factors / scale
+        return float(along @ best - missed @ alike @ missed), factors
 
     def retuned(self, residual: np.ndarray, phi: np.ndarray) -> tuple[float, np.ndarray]:
         """

@@ -437,7 +437,9 @@ def _promise(fitter: Fitter, fit: Fit, probe: Probe) -> tuple[float, float, dict
     if probe.direction is None:
         return 0.0, 0.0, probe.place
     # How an effect moves the outputs hardly depends on the other being on: no new simulation.
-    gain, factors = fitter.linear_gain(probe.direction, fit)
+    effect = EFFECTS[probe.effect]
+    gain, factors = fitter.linear_gain(
+        probe.direction, fit, lambda factors: probe.look.within(effect, factors))
     if probe.look.strengths:
-        return gain, 0.0, probe.look.at(EFFECTS[probe.effect], factors)
+        return gain, 0.0, probe.look.at(effect, factors)
     return gain, abs(float(np.log(max(np.abs(factors).max(), 1e-12)))), probe.place

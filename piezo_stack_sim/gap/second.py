@@ -136,17 +136,26 @@ def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
     Return the pairs that a believed pair may stand for, itself among them.
 
     Each must be believed in for itself: else one that is not would be named for leaving as little.
-    Where the second shows only where the first hardly acts, so must that of the others.
+    Where the second shows only where the first hardly acts, so must that of the others.  Only one
+    that differs by what resembles one of the two, and does as well by all rows, is left open by
+    whatever rule that was believed in.
     """
     def rules(pair):
         return {rule for rule in (counts, stands_clear, well_formed, are_two_of_a_kind)
                 if rule(best, pair, t, kin)}
 
+    def is_twin(pair):
+        return (pair.over < math.inf
+                and frozenset(set(name.split('+')) ^ set(pair.name.split('+'))) in kin
+                and pair.gain > chosen.gain - t.temperature
+                and 1.0 - pair.removed <= t.loses * (1.0 - chosen.removed))
+
     known = {pair: rules(pair) for pair in pairs}
-    by = next(rules for pair, rules in known.items() if pair.name == name)
+    chosen, by = next((pair, rules) for pair, rules in known.items() if pair.name == name)
     able = {stands_clear} if by == {stands_clear} else {
         counts, stands_clear, well_formed, are_two_of_a_kind}
-    return [pair for pair, rules in known.items() if pair.name == name or rules & able]
+    return [pair for pair, rules in known.items()
+            if pair is chosen or rules & able or is_twin(pair)]
 
 
 def rivals_beside_mended(name: str, best: Ranked, pairs: list[Ranked], hidden: list[Ranked],

@@ -127,12 +127,17 @@ class Place:
 
     def at(self, effect: Effect, factors: np.ndarray) -> dict[str, float]:
         """Return the values with the strengths multiplied by (k,) factors, within bounds."""
-        out = dict(self.shape)
+        allowed = self.within(effect, factors)
+        return {**self.shape, **{name: float(factor) * value for factor, (name, value) in zip(
+            allowed, self.strengths.items())}}
+
+    def within(self, effect: Effect, factors: np.ndarray) -> np.ndarray:
+        """Return the factors (k,) that bounds allow, of the strengths or of all of the place."""
+        if not self.strengths:
+            return factors
         bounds = {p.name: (p.lower, p.upper) for p in effect.parameters}
-        for (name, value), factor in zip(self.strengths.items(), factors):
-            low, high = bounds[name]
-            out[name] = min(max(float(factor) * value, low), high)
-        return out
+        return np.array([np.clip(factor * value, *bounds[name]) / value
+                         for factor, (name, value) in zip(factors, self.strengths.items())])
 
 
 def starts_of(effect: Effect, extent: Extent) -> list[Place]:
