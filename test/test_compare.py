@@ -6,9 +6,10 @@ import json
 
 import numpy as np
 from piezo_stack_sim.cli import main
+from piezo_stack_sim.gap.compare import compare_set
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.progress import Bars, Stage, track
-from piezo_stack_sim.recording import programmes
+from piezo_stack_sim.recording import programmes, read_set
 from piezo_stack_sim.resources import config_file
 import pytest
 
@@ -45,6 +46,29 @@ def test_what_was_found_in_the_recordings_is_told_with_its_mend(bench, capsys):
     said = ' '.join(capsys.readouterr().out.split())
     assert 'row 501: 1 rows are there twice: the second one is dropped' in said
     assert 'displacement is in um, as its size tells: multiplied by 1e-6' in said
+
+
+@pytest.mark.parametrize('channels', [('voltage', 'charge', 'displacement'), ('displacement',)])
+def test_a_device_as_its_file_that_was_led_to_a_bias_before_has_no_gap(tmp_path, channels):
+    """A bench that keeps its stack at 50 V and zeroes its sensors there."""
+    time = np.arange(60000) * 1e-4
+    rise = np.clip(time / 3.0, 0.0, 1.0)
+    command = 50.0 * rise * rise * (3.0 - 2.0 * rise) + np.where(
+        time < 4.0, 0.0, 15.0 * np.sin(2.0 * np.pi * 1.5 * (time - 4.0)))
+    answer, random = simulate(Device.nominal(), time, command), np.random.default_rng(5)
+    rows, noise = slice(39000, None), {'voltage': 1e-2, 'charge': 5e-9, 'displacement': 1e-9}
+    columns = [time[rows], command[rows]]
+    for channel in channels:
+        values = getattr(answer, channel)[rows]
+        values = values if channel == 'voltage' else values - values[0]
+        columns.append(values + noise[channel] * random.standard_normal(values.size))
+    (tmp_path / 'set').mkdir()
+    np.savetxt(tmp_path / 'set' / 'sine.csv', np.column_stack(columns), '%.10g', ',',
+               header=','.join(('time', 'voltage_command', *channels)), comments='')
+    found = compare_set(read_set(tmp_path / 'set'), Device.nominal())
+    assert any('rests at 50 V' in finding['what'] for finding in found['preflight'])
+    for channel in channels:
+        assert found['gap'][channel]['over_noise'] < 1.1
 
 
 def test_the_gap_is_what_the_sensor_reads_too_much(bench, capsys):

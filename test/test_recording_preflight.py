@@ -514,11 +514,33 @@ def test_an_offset_of_the_voltage_is_physics_and_stays():
     assert np.allclose(passed.measured['voltage'][0], 5.0, atol=0.1)
 
 
-def test_a_recording_that_begins_under_voltage_is_noted():
+@pytest.mark.parametrize('channels', [
+    ('voltage', 'charge', 'displacement'), ('displacement',)])
+def test_a_recording_that_begins_at_a_bias_is_simulated_from_there(channels):
     recording = answered(40.0 + triangle(3000, 30.0))
+    recording = recording.replace(
+        measured={name: recording.measured[name] for name in channels})
     passed, findings = checked(recording)
-    assert all(each.startswith('note: ') for each in findings) and len(findings) == 3
-    assert same(passed[0], recording)
+    assert [each for each in findings if 'the device rests at 40 V where it begins' in each]
+    assert passed[0].start == 40.0
+    for channel, values in passed[0].measured.items():
+        start = 40.0 if channel == 'voltage' else 0.0
+        assert values[0] == pytest.approx(start, abs=0.02 * np.ptp(values))
+        assert np.ptp(values) == np.ptp(recording.measured[channel])
+    assert preflight(set_of(*passed), DEVICE)[0].recordings[0].start == 40.0
+
+
+def test_a_relaxed_device_that_jumps_to_its_first_command_does_not_begin_there():
+    for channels in ('voltage', 'displacement'), ('displacement',):
+        recording = wobbling()
+        recording = recording.take(slice(200, None))
+        measured = {name: recording.measured[name] for name in channels}
+        for values in measured.values():
+            values.flags.writeable = True
+            values[0] = 0.0
+        recording = recording.replace(measured=measured)
+        passed, _ = checked(recording)
+        assert recording.command[0] != 0.0 and passed[0].start == 0.0
 
 
 def test_a_step_in_the_very_first_row_is_no_offset():

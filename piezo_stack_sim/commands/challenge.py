@@ -135,7 +135,8 @@ def diagnose(recordings, parameter_file):
             model = found.devices.get(recording.name, found.device)
             model = device if kind == 'before' else model
             response = simulate(model, recording.time, recording.command,
-                                recording.external_force, drive=recording.drive)
+                                recording.external_force, drive=recording.drive,
+                                start=recording.start)
             for channel in recording.measured:
                 values = getattr(response, channel)
                 if channel != 'voltage':

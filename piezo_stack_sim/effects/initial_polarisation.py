@@ -3,9 +3,9 @@
 """
 A stack that was not relaxed when the recording began.
 
-It had been led slowly to a voltage, perhaps back and forth once more, and to zero,
-and the sensors were zeroed there: the blocks of Eq. 16 start where that left
-them.  The first cycle differs, later ones close on it.
+It had been led slowly to a voltage, perhaps back and forth once more, and to zero (or
+to the voltage at which the recording begins), and the sensors were zeroed there: the
+blocks of Eq. 16 start where that left them.  The first cycle differs, later ones close on it.
 
 Look-alikes: ``creep`` and drifts (they go on after the first full cycle).
 Source: recomputed from Tables 1 and 2, 2.2 um remain after 90 V.

@@ -55,7 +55,7 @@ class MeasuredVoltage:
         """Look at a recording that was driven by voltage and measured it."""
         recording = track.recording
         rows = np.arange(len(recording))
-        jumps = np.flatnonzero(np.abs(np.diff(recording.command, prepend=0.0)[:-1])
+        jumps = np.flatnonzero(np.abs(np.diff(recording.command, prepend=recording.start)[:-1])
                                > JUMP * np.ptp(recording.command))
         soon = _soon(recording.period)
         if jumps.size * soon.size > MOST:
@@ -65,7 +65,7 @@ class MeasuredVoltage:
         held = places.astype(int)  # the row from which on a command holds
         driven = simulate(driver, np.interp(places, rows, recording.time),
                           recording.command[held], recording.external_force[held],
-                          'voltage').voltage
+                          'voltage', start=recording.start).voltage
         at_rows = driven[2 * np.searchsorted(edges, rows)]
         return cls(recording, edges, jumps, driven, above_noise(
             recording.measured['voltage'] - at_rows, track.zero['voltage']))
@@ -127,7 +127,8 @@ class MeasuredVoltage:
     def _parts(self, edges: np.ndarray, command: np.ndarray) -> Recording:
         rows = np.arange(len(self.recording))
         return Recording(self.recording.name, np.interp(edges, rows, self.recording.time),
-                         'voltage', command, self.recording.external_force[edges.astype(int)])
+                         'voltage', command, self.recording.external_force[edges.astype(int)],
+                         start=self.recording.start)
 
     def answer_of(self, device: Device) -> dict[str, np.ndarray]:
         """Return what a device does that this voltage drives, channel to (n,), SI units."""

@@ -26,7 +26,8 @@ def replayed(recordings, device: Device) -> list:
     """Return the recordings with what a device answers, the channels they measured."""
     result = []
     for each in recordings:
-        answer = simulate(device, each.time, each.command, each.external_force, each.drive)
+        answer = simulate(device, each.time, each.command, each.external_force, each.drive,
+                          start=each.start)
         result.append(each.replace(measured={c: getattr(answer, c) for c in each.measured}))
     return result
 

@@ -29,7 +29,7 @@ MAX_CLASSES = 8  # different row lengths treated exactly; more are laid on the t
 
 def simulate(device: Device, time, command, external_force=None, drive: str | None = None,
              state: PlantState | None = None, seed: int | None = None,
-             noise: bool = False) -> Response:
+             noise: bool = False, start: float = 0.0) -> Response:
     """
     Replay commands and forces through a device (Eqs. 11 to 17 and its effects).
 
@@ -51,6 +51,8 @@ def simulate(device: Device, time, command, external_force=None, drive: str | No
         Seed of the sensor noise.
     noise : bool
         Whether the sensors are noisy and quantised.
+    start : float
+        Voltage command (V) at which the device rests before the first row, its sensors zeroed.
 
     Returns
     -------
@@ -63,7 +65,8 @@ def simulate(device: Device, time, command, external_force=None, drive: str | No
         If lengths differ, times do not increase or a number is not finite.
 
     """
-    return replay(device, Timeline.of(time, command, external_force), drive, state, seed, noise)
+    return replay(device, Timeline.of(time, command, external_force, start), drive, state,
+                  seed, noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +80,8 @@ class Timeline:
         As for :func:`simulate`.
     period : float or None
         Length of every row (s); None if they differ.
+    start : float
+        As for :func:`simulate`.
 
     """
 
@@ -84,9 +89,10 @@ class Timeline:
     command: np.ndarray
     external_force: np.ndarray
     period: float | None
+    start: float = 0.0
 
     @classmethod
-    def of(cls, time, command, external_force=None) -> Timeline:
+    def of(cls, time, command, external_force=None, start: float = 0.0) -> Timeline:
         """
         Return the timeline of what :func:`simulate` takes.
 
@@ -104,7 +110,7 @@ class Timeline:
         period = float(time[-1] - time[0]) / max(time.size - 1, 1)
         grid = time[0] + period * np.arange(time.size)
         even = time.size > 1 and np.abs(time - grid).max() < max(5e-7, 1e-6 * period)
-        return cls(time, command, force, period if even else None)
+        return cls(time, command, force, period if even else None, start)
 
 
 def replay(device: Device, timeline: Timeline, drive: str | None = None,
@@ -116,7 +122,7 @@ def replay(device: Device, timeline: Timeline, drive: str | None = None,
     time, n = timeline.time, timeline.time.size
     period = timeline.period or (
         (time[-1] - time[0]) / (n - 1) if n > 1 else 1.0 / device.rate)
-    plant = Plant(device, period, drive, noise)
+    plant = Plant(device, period, drive, noise, timeline.start)
     if state is not None:
         plant.restore(state)
     if timeline.period is not None or n == 1:
@@ -140,7 +146,7 @@ def simulate_many(jobs: Iterable[tuple[Device, object]], workers: int | None = N
     def one(job):
         device, recording = job
         return simulate(device, recording.time, recording.command, recording.external_force,
-                        recording.drive)
+                        recording.drive, start=recording.start)
 
     jobs = list(jobs)
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:

@@ -8,8 +8,9 @@ from collections.abc import Collection
 
 import numpy as np
 
-from piezo_stack_sim.plant import layout
+from piezo_stack_sim.plant import layout, ports
 from piezo_stack_sim.plant.assembly import System
+from scipy.optimize import brentq
 
 
 def rest(system: System, s: np.ndarray, q: float, v: float, inputs: np.ndarray,
@@ -77,3 +78,93 @@ def rest_of_unit_charge(system: System) -> tuple[np.ndarray, float, float]:
              set(names) - {'charge', 'velocity'})
     capacitance = system.real[layout.R_C] / (1.0 - system.real[layout.R_T] * s[0])
     return s, float(capacitance), float(system.opposing[0, :-1] @ s + system.opposing[0, -1])
+
+
+class Lead:
+    """
+    Leads a relaxed device so slowly from voltage to voltage that it is always at rest.
+
+    Parameters
+    ----------
+    system : System
+        The device as the kernel takes it.
+    flags, p : numpy.ndarray
+        Discrete state (6,) and block positions (n,), changed in place; slip goes on
+        until :func:`piezo_stack_sim.plant.ports.stick`.
+
+    """
+
+    def __init__(self, system: System, flags: np.ndarray, p: np.ndarray) -> None:
+        self.system, self.flags, self.p = system, flags, p
+        self.charge = 0.0
+        self.per_charge, self.capacitance, self.elastance = rest_of_unit_charge(system)
+        # What is always on, as a voltage that branches start apart with.
+        self.offset = float(system.opposing[0, :-1] @ system.initial)
+        ints = system.ints
+        self.is_linear = not (ints[layout.I_SMOOTH] or ints[layout.I_CONTACT])
+        if not self.is_linear:
+            names = system.state_names
+            force = np.zeros(layout.N_INPUTS)
+            force[layout.SMOOTH_F] = 1.0
+            # Displacement and the states that follow it, by a force at a held charge.
+            self.per_force = rest(system, np.zeros(len(names)), 0.0, 0.0, force,
+                                  set(names) - {'charge', 'velocity'})
+
+    def to(self, voltage: float) -> float:
+        """Lead on to a voltage (V) and return the charge there (C)."""
+        system = self.system
+        if self.is_linear:
+            self.charge = ports.move_charge(
+                self.charge, self.capacitance * (voltage - self.offset), self.capacitance,
+                system.real, self.flags, self.p, system.r, system.k, system.v_break,
+                self.elastance)
+            return self.charge
+        sign = 1.0 if voltage > self._voltage(self.charge) else -1.0
+        far = self.charge + sign * 1e-6
+        while sign * (self._voltage(far) - voltage) < 0.0:
+            far += sign * max(abs(far - self.charge), 1e-6)
+        there = brentq(lambda charge: self._voltage(charge) - voltage, self.charge, far,
+                       xtol=1e-16, rtol=1e-14) if far != self.charge else far
+        self.charge = self._move(there, self.flags, self.p)
+        return self.charge
+
+    def states(self) -> np.ndarray:
+        """Return where the states rest at the charge reached, shape (N,), with zero volts."""
+        states = self.charge * self.per_charge
+        return states if self.is_linear else states + self._force(states[0]) * self.per_force
+
+    def _move(self, charge: float, flags: np.ndarray, p: np.ndarray) -> float:
+        system = self.system
+        return ports.move_charge(self.charge, charge, 0.0, system.real, flags, p, system.r,
+                                 system.k, system.v_break, 0.0)
+
+    def _voltage(self, charge: float) -> float:
+        """Return the voltage at rest if the charge is led on from where it is."""
+        system, flags, p = self.system, self.flags.copy(), self.p.copy()
+        self._move(charge, flags, p)
+        slip = flags[layout.F_SLIP]
+        maxwell = ports.maxwell_offset(slip, flags[layout.F_DIR], p, system.k, system.v_break)
+        states = charge * self.per_charge
+        states = states + self._force(states[0]) * self.per_force
+        real = system.real
+        return float(self.offset + (charge - real[layout.R_T] * states[0]) / real[layout.R_C]
+                     + system.opposing[0, :-1] @ states + system.opposing[0, -1] * charge
+                     + maxwell + system.k[slip:].sum() * charge
+                     + ports.smooth_voltage(charge, real))
+
+    def _force(self, free: float) -> float:
+        """Return the force (N) of what is not linear where the displacement would be ``free``."""
+        real, softness = self.system.real, self.per_force[0]
+
+        def force(x: float) -> float:
+            stop = real[layout.R_CONTACT_K] * max(x - real[layout.R_GAP], 0.0)
+            return float(ports.smooth_force(x, real)) - stop
+
+        def miss(push: float) -> float:
+            return force(free + softness * push) - push
+
+        first = miss(0.0)
+        if first == 0.0:
+            return 0.0
+        # It pushes back, by no more than it would where nothing gives way.
+        return float(brentq(miss, 0.0, first, xtol=1e-12, rtol=1e-14))

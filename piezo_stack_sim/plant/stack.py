@@ -19,10 +19,16 @@ from piezo_stack_sim.plant import layout, ports
 from piezo_stack_sim.plant.assembly import assemble, System
 from piezo_stack_sim.plant.build import build_model
 from piezo_stack_sim.plant.parameters import Device
-from piezo_stack_sim.plant.rest import rest, rest_of_unit_charge
+from piezo_stack_sim.plant.rest import Lead, rest
 from piezo_stack_sim.plant.samples import PlantState, Response, Sample
 from piezo_stack_sim.plant.sensors import disturb, disturbs
 from piezo_stack_sim.plant.tables import Tables, TICK
+
+SETTLING = 5e-3  # s, after which a device that was led somewhere rests: a hundred times m/b
+MOST_ROWS = 500  # but not more rows than these
+# Where the sensors read zero: displacement (m) and charge (C), the charge from which that in
+# the stack counts (C), and what the sensors make of that (m).
+N_ZEROS, Z_INSIDE, Z_SHOWN = 4, 2, 3
 
 
 class Plant:
@@ -40,12 +46,16 @@ class Plant:
         not given.
     noise : bool
         Whether the sensors are noisy and quantised as the device says.
+    start : float
+        Voltage command (V) at which the device rests when it starts, led there slowly; its
+        sensors are zeroed there.  Under another drive than ``voltage`` it starts at zero.
 
     """
 
     def __init__(self, device: Device, period: float | None = None,
-                 drive: str | None = None, noise: bool = True) -> None:
+                 drive: str | None = None, noise: bool = True, start: float = 0.0) -> None:
         self.device = device
+        self.start = float(start)
         self.period = 1.0 / device.rate if period is None else float(period)
         if not self.period > 0.0 or not math.isfinite(self.period):
             raise InputError(f'sample period {self.period} s: expected a positive number')
@@ -83,8 +93,15 @@ class Plant:
         self._outputs = np.empty((1, layout.N_OUTPUTS))
 
     def reset(self) -> None:
-        """Return to the start: relaxed (or as ``initial_polarisation`` says), time zero."""
+        """
+        Return to the start, time zero.
+
+        Relaxed (or as ``initial_polarisation`` says), or led on from there to ``start``.
+        """
         system, model = self._system, self._model
+        source = 0.0
+        if self.start and self.drive == 'voltage':
+            source = float(self.source_values(np.array([self.start]))[0])
         self.time = 0.0
         self._ticks = 0
         self._s = system.initial.copy()
@@ -95,30 +112,49 @@ class Plant:
         self._inputs[layout.ONE] = 1.0
         self._memory = np.zeros(layout.N_MEMORY)
         self._out_of_range = False
-        self._zero = np.zeros(2)
-        if any(model.previous_voltages):
-            self._polarise(model.previous_voltages)
-        self._commands = np.full(self._command_lag + 1, self._idle_command())
+        self._zero = np.zeros(N_ZEROS)
+        if any((*model.previous_voltages, source)):
+            self._polarise((*model.previous_voltages, source))
+        self._commands = np.full(self._command_lag + 1, source or self._idle_command())
         self._readings = np.zeros(self._reading_lag)
-        self._bring_in_line(self._idle_command())
+        self._bring_in_line(self._commands[0])
+        if source:
+            self._settle(source)
         outputs, reading = self._evaluate()
-        self._zero = np.array([reading, outputs[2]])
+        # What the charge does to the material counts from the relaxed one.
+        self._zero = np.array([reading, outputs[2], 0.0 if source else outputs[2], 0.0])
         self._readings[:] = reading
+        if source and self._model.reading_maps:
+            self._zero[Z_SHOWN] = self._measure(
+                np.zeros(1), outputs[None, :], np.array([reading]), False)[0][0]
         seed = self.device.noise.seed
         self._random = np.random.Generator(np.random.PCG64(seed))
 
     def _polarise(self, voltages: tuple[float, ...]) -> None:
-        """Lead the relaxed device quasi-statically to voltages in turn and back to zero."""
+        """Lead the relaxed device quasi-statically to voltages in turn, and let it rest there."""
         system = self._system
-        per_charge, free, elastance = rest_of_unit_charge(system)
-        q = 0.0
-        for voltage in (*voltages, 0.0):
-            q = ports.move_charge(q, free * voltage, free, system.real, self._flags, self._p,
-                                  system.r, system.k, system.v_break, elastance)
+        lead = Lead(system, self._flags, self._p)
+        for voltage in voltages:
+            q = lead.to(voltage)
         ports.stick(self._flags, self._p, system.r, q)
-        self._s += q * per_charge
-        self._memory[:4] = (self._s[0], q, q, self._s[0])
+        self._s += lead.states()
         self._inputs[layout.A_RC] = -system.k @ self._p  # all elements stick
+        if voltages[-1]:
+            self._inputs[layout.U] = voltages[-1]
+            held = {'charge', 'velocity'} | (set() if lead.is_linear else {'displacement'})
+            self._s = rest(system, self._s, q, voltages[-1], self._inputs,
+                           set(system.state_names) - held)
+        self._memory[:4] = (self._s[0], q, q, self._s[0])
+
+    def _settle(self, source: float) -> None:
+        """Hold a source value (V) until what is not linear rests, too; the time stands still."""
+        rows = min(math.ceil(SETTLING / self._tables.ticks[0] / self._tables.tick[0]), MOST_ROWS)
+        none = np.full(rows, -1)
+        self._tables.run(
+            np.zeros(rows, dtype=np.int64), np.full(rows, self._tables.ticks[0]),
+            np.full(rows, source), np.zeros(rows), none, none,
+            [self._s, self._p, self._flags, self._inputs, self._memory],
+            np.empty((0, layout.N_OUTPUTS)), np.empty(0))
 
     def _bring_in_line(self, source: float) -> None:
         """Settle the algebraic part (charge, offsets) for a source value, at no time."""
@@ -165,7 +201,7 @@ class Plant:
             raise InputError(f'saved plant state: {len(state.blocks)} Maxwell elements, expected '
                              f'{self._system.k.size}; use the state of the same actuator')
         sizes = {'flags': layout.N_FLAGS, 'inputs': layout.N_INPUTS, 'memory': layout.N_MEMORY,
-                 'zero': 2}
+                 'zero': N_ZEROS}
         for name, size in sizes.items():
             if len(getattr(state, name)) != size:
                 raise InputError(f'saved plant state: {name} has {len(getattr(state, name))} '
@@ -374,7 +410,7 @@ class Plant:
     @property
     def zero(self) -> np.ndarray:
         """Displacement (m) and charge (C) at which the sensors read zero."""
-        return self._zero
+        return self._zero[:2]
 
     def run_segments(self, tables: Tables, seg_class, seg_ticks, u, force, rows, reads,
                      out, read) -> None:
@@ -474,9 +510,11 @@ class Plant:
         displacement = read - self._zero[0]
         charge = out[:, 2] - self._zero[1]
         # What the charge does to the material is done by that on the stack, not by what leaks.
-        inside = out[:, 5] - self._zero[1]
+        inside = out[:, 5] - self._zero[Z_INSIDE]
         for function in self._model.reading_maps:
             displacement = function(displacement, time, inside)
+        if self._zero[Z_SHOWN]:
+            displacement = displacement - self._zero[Z_SHOWN]
         voltage = out[:, 3]
         if noisy and self._sensors_disturb:
             draws = self._random.standard_normal((time.size, 3))

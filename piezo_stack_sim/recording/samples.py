@@ -17,6 +17,7 @@ _MOVED = 0.03
 _ABSURD = 1e30
 _SPIKE = 10.0
 # An offset that is no noise, disturbance or drift, as a part of the channel's range.
+_JUMPED = 5  # rows after which a jump of the command has shown
 _OFFSET = 0.02
 
 
@@ -208,11 +209,30 @@ def _rest(recording):
     return min(int(np.argmax(moved)) + 1 if moved.any() else len(recording), 200)
 
 
+def _rests_at_its_first_command(recording):
+    """
+    Tell whether a device had been led to its first command before the recording began.
+
+    Then the voltage is there in the first row, before that command takes effect; and what
+    follows the voltage does not jump after it.
+    """
+    first, rows = recording.command[0], min(_rest(recording), _JUMPED)
+    if recording.drive != 'voltage' or not first:
+        return False
+    if 'voltage' in recording.measured:
+        return abs(recording.measured['voltage'][0] - first) < 0.5 * abs(first)
+    jumps = [abs(values[rows] - values[0]) / np.ptp(values)
+             for values in recording.measured.values() if np.ptp(values) > 0.0]
+    return bool(jumps) and max(jumps) < 0.3 * abs(first) / max(
+        np.ptp(recording.command), abs(first))
+
+
 def check_start(recording, command_range):
     """
     Zero charge and displacement where the recording begins, if it begins at rest.
 
-    Their origin is arbitrary, that of the voltage is not.
+    Their origin is arbitrary, that of the voltage is not.  A device that was led to its first
+    command before rests there, and is to be simulated from there.
 
     Parameters
     ----------
@@ -227,11 +247,20 @@ def check_start(recording, command_range):
 
     """
     findings, measured = [], {}
-    resting = abs(recording.command[0]) <= 0.01 * command_range
-    # The first row is sampled before its command; only a command of zero rests after it.
-    rows = _rest(recording) if resting else 1
+    first = recording.command[0]
+    resting = abs(first) <= 0.01 * command_range
+    led = not resting and _rests_at_its_first_command(recording)
+    if led:
+        findings.append(found(
+            recording, 0, NOTE, f'the device rests at {first:.4g} V where it begins',
+            'it is simulated from there: charge and displacement count from that row'))
+        recording = recording.replace(start=float(first))
+    # The first row is sampled before its command; only a command that rests rests after it.
+    rows = _rest(recording) if resting or led else 1
     for channel, values in recording.measured.items():
         start = float(np.mean(values[:rows]))
+        if led and channel == 'voltage':
+            continue
         if channel == 'displacement' and recording.arbitrary:
             least = 0.0  # a sensor of unknown scale has an unknown zero, too
         else:
@@ -241,7 +270,7 @@ def check_start(recording, command_range):
         if abs(start) <= least:
             continue
         what = f'{channel} begins at {start:.4g}, not at zero'
-        if channel == 'voltage' or not resting:
+        if channel == 'voltage' or not (resting or led):
             if resting or recording.drive not in ('voltage', 'charge'):
                 mend = 'kept: an offset of the driver or of its monitor'
             else:
