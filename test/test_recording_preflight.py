@@ -155,6 +155,15 @@ def test_what_an_amplifier_lies_before_is_told_by_its_gain(channels, gain):
     assert np.array_equal(passed[0].command, recording.command)
 
 
+def test_a_voltage_behind_a_divider_is_told_from_a_command_before_an_amplifier():
+    recording = slow()
+    _, findings = checked(with_channel(recording, 'voltage',
+                                       recording.measured['voltage'] / 100.0))
+    told, = findings
+    assert told.startswith('note: ') and 'divider' in told
+    assert float(told.rsplit('--unit voltage=', 1)[1]) == pytest.approx(100.0, rel=0.01)
+
+
 def test_a_size_that_no_unit_explains_is_refused():
     recording = slow()
     text = refusal(with_channel(

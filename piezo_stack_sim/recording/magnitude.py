@@ -191,23 +191,38 @@ def check_units(recording, statics):
 
 def _odd(recording, reading, statics):
     """Note channels that are far off, but by no unit: all by one factor, it is the command's."""
+    driven = recording.drive
     far = {channel: ratio for channel, ratio in reading.ratios.items()
            if not reading.powers[channel] and abs(math.log10(ratio)) > (
-               _GAIN if channel == recording.drive else _WIDE)}
+               _GAIN if channel == driven else _WIDE)}
     alike = len(far) > 1 and max(far.values()) < 3.0 * min(far.values())
-    if recording.drive in far or alike:
-        told = [recording.drive] if recording.drive in far else list(far)
+    if driven in far or alike:
+        told = [driven] if driven in far else list(far)
         factor = _gain(recording, statics, told)
-        return [found(
-            recording, None, NOTE, f'{" and ".join(told)}: {factor:.4g} times what '
-            f'{recording.command_name} should do', 'if an amplifier lies between, give its gain, '
-            f'as in --unit {recording.command_name}={factor:.3g}')]
+        mend = ('if an amplifier lies between, give its gain, as in '
+                f'--unit {recording.command_name}={factor:.3g}')
+        if driven in far and _is_monitor(recording, reading, statics, factor):
+            mend = ('the others do what the command says: if it was read behind a divider, give '
+                    f'its factor, as in --unit {driven}={1.0 / factor:.3g}')
+        return [found(recording, None, NOTE, f'{" and ".join(told)}: {factor:.4g} times what '
+                      f'{recording.command_name} should do', mend)]
     return [
         found(recording, None, NOTE,
               f'{channel} moves {ratio:.2g} times as far as the device should',
               'check its gain; --unit takes factors too')
         for channel, ratio in far.items()
     ]
+
+
+def _is_monitor(recording, reading, statics, factor):
+    """Tell whether what was not driven does as the command says, and not that times a factor."""
+    def distance(ratios):
+        apart = [abs(math.log(ratio)) for channel, ratio in ratios.items()
+                 if channel != recording.drive]
+        return sum(apart) / len(apart) if apart else math.inf
+
+    scaled = _Reading(recording.replace(command=recording.command * factor), statics, 0, 0)
+    return distance(reading.ratios) < distance(scaled.ratios)
 
 
 def _gain(recording, statics, channels):
@@ -239,8 +254,8 @@ def check_amplified(recording):
         name = recording.command_name
         raise InputError(str(refuse(
             recording, None, f'{recording.drive} moves {factor:.4g} times as far as {name}',
-            'if an amplifier lies between, give its gain, as in '
-            f'--unit {name}={factor:.3g}; if it is a unit, that of either')))
+            f'if an amplifier lies between, give its gain, as in --unit {name}={factor:.3g}; if '
+            f'a divider does, its factor, as in --unit {recording.drive}={1.0 / factor:.3g}')))
 
 
 def _unexplained(recording, reading):
