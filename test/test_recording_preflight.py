@@ -531,12 +531,26 @@ def test_a_recording_that_begins_at_a_bias_is_simulated_from_there(channels):
         measured={name: recording.measured[name] for name in channels})
     passed, findings = checked(recording)
     assert [each for each in findings if 'the device rests at 40 V where it begins' in each]
-    assert passed[0].start == 40.0
+    assert passed[0].start == (40.0, 0.0)
     for channel, values in passed[0].measured.items():
         start = 40.0 if channel == 'voltage' else 0.0
         assert values[0] == pytest.approx(start, abs=0.02 * np.ptp(values))
         assert np.ptp(values) == np.ptp(recording.measured[channel])
-    assert preflight(set_of(*passed), DEVICE)[0].recordings[0].start == 40.0
+    assert preflight(set_of(*passed), DEVICE)[0].recordings[0].start == (40.0, 0.0)
+
+
+@pytest.mark.parametrize('channels', [
+    ('voltage', 'charge', 'displacement'), ('displacement',)])
+def test_a_preload_that_was_there_before_is_simulated_from_there(channels):
+    recording = answered(triangle(3000, 60.0), np.full(3000, -90.0))
+    measured = {name: recording.measured[name] - recording.measured[name][0] for name in channels}
+    passed, findings = checked(recording.replace(measured=measured))
+    assert [each for each in findings if 'the device rests at -90 N where it begins' in each]
+    assert passed[0].start == (0.0, -90.0)
+    # A force that comes with the first row moves the device after it.
+    jumps = {name: np.append(0.0, recording.measured[name][1:]) for name in channels}
+    passed, _ = checked(recording.replace(measured=jumps))
+    assert passed[0].start == (0.0, 0.0)
 
 
 def test_a_relaxed_device_that_jumps_to_its_first_command_does_not_begin_there():
@@ -549,7 +563,7 @@ def test_a_relaxed_device_that_jumps_to_its_first_command_does_not_begin_there()
             values[0] = 0.0
         recording = recording.replace(measured=measured)
         passed, _ = checked(recording)
-        assert recording.command[0] != 0.0 and passed[0].start == 0.0
+        assert recording.command[0] != 0.0 and passed[0].start == (0.0, 0.0)
 
 
 def test_a_step_in_the_very_first_row_is_no_offset():

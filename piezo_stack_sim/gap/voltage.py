@@ -55,7 +55,7 @@ class MeasuredVoltage:
         """Look at a recording that was driven by voltage and measured it."""
         recording = track.recording
         rows = np.arange(len(recording))
-        jumps = np.flatnonzero(np.abs(np.diff(recording.command, prepend=recording.start)[:-1])
+        jumps = np.flatnonzero(np.abs(np.diff(recording.command, prepend=recording.start[0])[:-1])
                                > JUMP * np.ptp(recording.command))
         soon = _soon(recording.period)
         if jumps.size * soon.size > MOST:

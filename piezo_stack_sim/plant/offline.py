@@ -29,7 +29,7 @@ MAX_CLASSES = 8  # different row lengths treated exactly; more are laid on the t
 
 def simulate(device: Device, time, command, external_force=None, drive: str | None = None,
              state: PlantState | None = None, seed: int | None = None,
-             noise: bool = False, start: float = 0.0) -> Response:
+             noise: bool = False, start: tuple[float, float] = (0.0, 0.0)) -> Response:
     """
     Replay commands and forces through a device (Eqs. 11 to 17 and its effects).
 
@@ -51,8 +51,9 @@ def simulate(device: Device, time, command, external_force=None, drive: str | No
         Seed of the sensor noise.
     noise : bool
         Whether the sensors are noisy and quantised.
-    start : float
-        Voltage command (V) at which the device rests before the first row, its sensors zeroed.
+    start : tuple of float
+        Voltage command (V) and external force (N) under which the device rests before the
+        first row, its sensors zeroed there.
 
     Returns
     -------
@@ -80,7 +81,7 @@ class Timeline:
         As for :func:`simulate`.
     period : float or None
         Length of every row (s); None if they differ.
-    start : float
+    start : tuple of float
         As for :func:`simulate`.
 
     """
@@ -89,10 +90,11 @@ class Timeline:
     command: np.ndarray
     external_force: np.ndarray
     period: float | None
-    start: float = 0.0
+    start: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def of(cls, time, command, external_force=None, start: float = 0.0) -> Timeline:
+    def of(cls, time, command, external_force=None,
+           start: tuple[float, float] = (0.0, 0.0)) -> Timeline:
         """
         Return the timeline of what :func:`simulate` takes.
 

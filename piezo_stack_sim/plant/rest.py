@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+import math
 
 import numpy as np
 
+from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import layout, ports
 from piezo_stack_sim.plant.assembly import System
 from scipy.optimize import brentq
@@ -91,24 +93,37 @@ class Lead:
     flags, p : numpy.ndarray
         Discrete state (6,) and block positions (n,), changed in place; slip goes on
         until :func:`piezo_stack_sim.plant.ports.stick`.
+    force : float
+        External force (N) that acts all the time.
 
     """
 
-    def __init__(self, system: System, flags: np.ndarray, p: np.ndarray) -> None:
+    def __init__(self, system: System, flags: np.ndarray, p: np.ndarray, force: float = 0.0
+                 ) -> None:
         self.system, self.flags, self.p = system, flags, p
         self.charge = 0.0
         self.per_charge, self.capacitance, self.elastance = rest_of_unit_charge(system)
         # What is always on, as a voltage that branches start apart with.
         self.offset = float(system.opposing[0, :-1] @ system.initial)
+        self.pushed = np.zeros(len(system.state_names))
+        if force:
+            self.pushed = self._rest_by(layout.FORCE, force)
+            self.offset += float(system.opposing[0, :-1] @ self.pushed
+                                 - system.real[layout.R_T] / system.real[layout.R_C]
+                                 * self.pushed[0])
         ints = system.ints
         self.is_linear = not (ints[layout.I_SMOOTH] or ints[layout.I_CONTACT])
         if not self.is_linear:
-            names = system.state_names
-            force = np.zeros(layout.N_INPUTS)
-            force[layout.SMOOTH_F] = 1.0
             # Displacement and the states that follow it, by a force at a held charge.
-            self.per_force = rest(system, np.zeros(len(names)), 0.0, 0.0, force,
-                                  set(names) - {'charge', 'velocity'})
+            self.per_force = self._rest_by(layout.SMOOTH_F, 1.0)
+
+    def _rest_by(self, column: int, value: float) -> np.ndarray:
+        """Return where the states (N,) rest without charge by one input alone."""
+        inputs = np.zeros(layout.N_INPUTS)
+        inputs[column] = value
+        names = self.system.state_names
+        return rest(self.system, np.zeros(len(names)), 0.0, 0.0, inputs,
+                    set(names) - {'charge', 'velocity'})
 
     def to(self, voltage: float) -> float:
         """Lead on to a voltage (V) and return the charge there (C)."""
@@ -130,7 +145,7 @@ class Lead:
 
     def states(self) -> np.ndarray:
         """Return where the states rest at the charge reached, shape (N,), with zero volts."""
-        states = self.charge * self.per_charge
+        states = self.charge * self.per_charge + self.pushed
         return states if self.is_linear else states + self._force(states[0]) * self.per_force
 
     def _move(self, charge: float, flags: np.ndarray, p: np.ndarray) -> float:
@@ -144,8 +159,8 @@ class Lead:
         self._move(charge, flags, p)
         slip = flags[layout.F_SLIP]
         maxwell = ports.maxwell_offset(slip, flags[layout.F_DIR], p, system.k, system.v_break)
-        states = charge * self.per_charge
-        states = states + self._force(states[0]) * self.per_force
+        free = charge * self.per_charge
+        states = free + self._force(free[0] + self.pushed[0]) * self.per_force
         real = system.real
         return float(self.offset + (charge - real[layout.R_T] * states[0]) / real[layout.R_C]
                      + system.opposing[0, :-1] @ states + system.opposing[0, -1] * charge
@@ -163,8 +178,13 @@ class Lead:
         def miss(push: float) -> float:
             return force(free + softness * push) - push
 
-        first = miss(0.0)
+        first = far = miss(0.0)
         if first == 0.0:
             return 0.0
-        # It pushes back, by no more than it would where nothing gives way.
-        return float(brentq(miss, 0.0, first, xtol=1e-12, rtol=1e-14))
+        # What pushes back does so by no more than where nothing gives way, what yields by more.
+        while miss(far) * first > 0.0:
+            far *= 2.0
+            if not math.isfinite(far):
+                raise InputError('no place is stable under the force and the voltage at which '
+                                 'the device begins: the spring of an effect yields without end')
+        return float(brentq(miss, 0.0, far, xtol=1e-12, rtol=1e-14))

@@ -46,16 +46,18 @@ class Plant:
         not given.
     noise : bool
         Whether the sensors are noisy and quantised as the device says.
-    start : float
-        Voltage command (V) at which the device rests when it starts, led there slowly; its
-        sensors are zeroed there.  Under another drive than ``voltage`` it starts at zero.
+    start : tuple of float
+        Voltage command (V) and external force (N) under which the device rests when it
+        starts, led there slowly; its sensors are zeroed there.  The command counts for the
+        drive ``voltage``; under the others the leads have been shorted, or open.
 
     """
 
     def __init__(self, device: Device, period: float | None = None,
-                 drive: str | None = None, noise: bool = True, start: float = 0.0) -> None:
+                 drive: str | None = None, noise: bool = True,
+                 start: tuple[float, float] = (0.0, 0.0)) -> None:
         self.device = device
-        self.start = float(start)
+        self.start = start
         self.period = 1.0 / device.rate if period is None else float(period)
         if not self.period > 0.0 or not math.isfinite(self.period):
             raise InputError(f'sample period {self.period} s: expected a positive number')
@@ -96,12 +98,14 @@ class Plant:
         """
         Return to the start, time zero.
 
-        Relaxed (or as ``initial_polarisation`` says), or led on from there to ``start``.
+        Relaxed (or as ``initial_polarisation`` says), or led on from there to `start`.
         """
         system, model = self._system, self._model
+        voltage, force = self.start
         source = 0.0
-        if self.start and self.drive == 'voltage':
-            source = float(self.source_values(np.array([self.start]))[0])
+        if (voltage or force) and self.drive == 'voltage':
+            source = float(self.source_values(np.array([voltage]))[0])
+        led = bool(source or force)
         self.time = 0.0
         self._ticks = 0
         self._s = system.initial.copy()
@@ -113,32 +117,39 @@ class Plant:
         self._memory = np.zeros(layout.N_MEMORY)
         self._out_of_range = False
         self._zero = np.zeros(N_ZEROS)
-        if any((*model.previous_voltages, source)):
-            self._polarise((*model.previous_voltages, source))
+        if led or any(model.previous_voltages):
+            self._polarise((*model.previous_voltages, source), force)
         self._commands = np.full(self._command_lag + 1, source or self._idle_command())
         self._readings = np.zeros(self._reading_lag)
         self._bring_in_line(self._commands[0])
-        if source:
-            self._settle(source)
+        if led:
+            self._settle(self._commands[0])
         outputs, reading = self._evaluate()
         # What the charge does to the material counts from the relaxed one.
-        self._zero = np.array([reading, outputs[2], 0.0 if source else outputs[2], 0.0])
+        self._zero = np.array([reading, outputs[2], 0.0 if led else outputs[2], 0.0])
         self._readings[:] = reading
-        if source and self._model.reading_maps:
+        if led and self._model.reading_maps:
             self._zero[Z_SHOWN] = self._measure(
                 np.zeros(1), outputs[None, :], np.array([reading]), False)[0][0]
         seed = self.device.noise.seed
         self._random = np.random.Generator(np.random.PCG64(seed))
 
-    def _polarise(self, voltages: tuple[float, ...]) -> None:
-        """Lead the relaxed device quasi-statically to voltages in turn, and let it rest there."""
+    def _polarise(self, voltages: tuple[float, ...], force: float = 0.0) -> None:
+        """
+        Lead the relaxed device quasi-statically to voltages in turn, and let it rest there.
+
+        A force acts from the beginning: with the leads shorted, or open where the charge is held.
+        """
         system = self._system
-        lead = Lead(system, self._flags, self._p)
-        for voltage in voltages:
-            q = lead.to(voltage)
+        lead = Lead(system, self._flags, self._p, force)
+        if self.drive in ('voltage', 'shorted') or not force:
+            for voltage in (0.0, *voltages) if force else voltages:
+                lead.to(voltage)
+        q = lead.charge
         ports.stick(self._flags, self._p, system.r, q)
         self._s += lead.states()
         self._inputs[layout.A_RC] = -system.k @ self._p  # all elements stick
+        self._inputs[layout.FORCE] = force
         if voltages[-1]:
             self._inputs[layout.U] = voltages[-1]
             held = {'charge', 'velocity'} | (set() if lead.is_linear else {'displacement'})
@@ -152,7 +163,7 @@ class Plant:
         none = np.full(rows, -1)
         self._tables.run(
             np.zeros(rows, dtype=np.int64), np.full(rows, self._tables.ticks[0]),
-            np.full(rows, source), np.zeros(rows), none, none,
+            np.full(rows, source), np.full(rows, self._inputs[layout.FORCE]), none, none,
             [self._s, self._p, self._flags, self._inputs, self._memory],
             np.empty((0, layout.N_OUTPUTS)), np.empty(0))
 

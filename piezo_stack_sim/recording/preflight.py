@@ -164,7 +164,7 @@ def _starts(statics):
         size = float(np.max(np.abs(recording.command)))
         if statics is not None and recording.command_name:
             size = max(size, statics.limit(recording.drive))
-        recording, findings = samples.check_start(recording, size)
+        recording, findings = samples.check_start(recording, size, statics)
         if not np.any(recording.command) and not np.any(recording.external_force):
             findings.append(found(recording, 0, NOTE, 'command and force are zero throughout',
                                   'it shows noise and drift only'))

@@ -70,9 +70,9 @@ class Recording:
     arbitrary : bool
         Whether the displacement is in units of its own, such as volts of a sensor that nobody
         calibrated: preflight gives it the size that the device should have.
-    start : float
-        Voltage command (V) at which the device rested before the first row, where charge and
-        displacement count from; preflight tells.
+    start : tuple of float
+        Voltage command (V) and external force (N) under which the device rested before the
+        first row, where charge and displacement count from; preflight tells.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Recording:
     rows: np.ndarray | None = None
     findings: tuple[Finding, ...] = ()
     arbitrary: bool = False
-    start: float = 0.0
+    start: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self):
         """Turn what was given into read-only vectors of one length."""

@@ -17,7 +17,9 @@ _MOVED = 0.03
 _ABSURD = 1e30
 _SPIKE = 10.0
 # An offset that is no noise, disturbance or drift, as a part of the channel's range.
-_JUMPED = 5  # rows after which a jump of the command has shown
+_JUMPED = 5  # rows after which a jump of the command or the force has shown
+_SEEN = 10.0  # times the noise from which it would show
+_ZERO = 0.01  # part of the range that counts as none
 _OFFSET = 0.02
 
 
@@ -209,25 +211,33 @@ def _rest(recording):
     return min(int(np.argmax(moved)) + 1 if moved.any() else len(recording), 200)
 
 
-def _rests_at_its_first_command(recording):
+def _start_of(recording, command_range, statics):
     """
-    Tell whether a device had been led to its first command before the recording began.
+    Return the command (V) and the force (N) under which a device rested before the recording.
 
-    Then the voltage is there in the first row, before that command takes effect; and what
-    follows the voltage does not jump after it.
+    Where it had been led to its first command, the voltage is there in the first row, before
+    that takes effect.  And what follows command and force does not jump after it.
     """
-    first, rows = recording.command[0], min(_rest(recording), _JUMPED)
-    if recording.drive != 'voltage' or not first:
-        return False
-    if 'voltage' in recording.measured:
-        return abs(recording.measured['voltage'][0] - first) < 0.5 * abs(first)
-    jumps = [abs(values[rows] - values[0]) / np.ptp(values)
-             for values in recording.measured.values() if np.ptp(values) > 0.0]
-    return bool(jumps) and max(jumps) < 0.3 * abs(first) / max(
-        np.ptp(recording.command), abs(first))
+    first = float(recording.command[0]) if recording.drive == 'voltage' else 0.0
+    first = first if abs(first) > _ZERO * command_range else 0.0
+    force = float(recording.external_force[0])
+    force = force if abs(force) > _ZERO * np.max(np.abs(recording.external_force)) else 0.0
+    if first and 'voltage' in recording.measured:
+        there = abs(recording.measured['voltage'][0] - first) < 0.5 * abs(first)
+        return (first, force) if there else (0.0, 0.0)
+    if not (first or force) or statics is None:
+        return 0.0, 0.0
+    answer = statics.answer(recording.drive, np.array([first]), np.array([force]))
+    row = min(_JUMPED, len(recording) - 1)
+    for channel, values in recording.measured.items():
+        wanted = abs(float(answer[channel][0]))
+        if channel != recording.drive and wanted > _SEEN * np.median(np.abs(np.diff(values))):
+            rests = abs(values[row] - values[0]) < 0.3 * wanted
+            return (first, force) if rests else (0.0, 0.0)
+    return 0.0, 0.0
 
 
-def check_start(recording, command_range):
+def check_start(recording, command_range, statics=None):
     """
     Zero charge and displacement where the recording begins, if it begins at rest.
 
@@ -240,6 +250,8 @@ def check_start(recording, command_range):
         To check.
     command_range : float
         The size of the command against which the first one counts as zero.
+    statics : Statics, optional
+        The device, whose answer to the first command and force tells whether it rested there.
 
     Returns
     -------
@@ -247,19 +259,20 @@ def check_start(recording, command_range):
 
     """
     findings, measured = [], {}
-    first = recording.command[0]
-    resting = abs(first) <= 0.01 * command_range
-    led = not resting and _rests_at_its_first_command(recording)
+    resting = abs(recording.command[0]) <= _ZERO * command_range
+    start = _start_of(recording, command_range, statics)
+    led = any(start)
     if led:
+        at = ' and '.join(f'{value:.4g} {unit}' for value, unit in zip(start, 'VN') if value)
         findings.append(found(
-            recording, 0, NOTE, f'the device rests at {first:.4g} V where it begins',
+            recording, 0, NOTE, f'the device rests at {at} where it begins',
             'it is simulated from there: charge and displacement count from that row'))
-        recording = recording.replace(start=float(first))
+        recording = recording.replace(start=start)
     # The first row is sampled before its command; only a command that rests rests after it.
     rows = _rest(recording) if resting or led else 1
     for channel, values in recording.measured.items():
-        start = float(np.mean(values[:rows]))
-        if led and channel == 'voltage':
+        begins = float(np.mean(values[:rows]))
+        if led and not resting and channel == 'voltage':
             continue
         if channel == 'displacement' and recording.arbitrary:
             least = 0.0  # a sensor of unknown scale has an unknown zero, too
@@ -267,9 +280,9 @@ def check_start(recording, command_range):
             # Less may be noise, a disturbance or a drift, which are not for preflight to remove.
             noise = float(np.median(np.abs(np.diff(values)))) / rows**0.5
             least = max(_OFFSET * np.ptp(values), 10.0 * noise)
-        if abs(start) <= least:
+        if abs(begins) <= least:
             continue
-        what = f'{channel} begins at {start:.4g}, not at zero'
+        what = f'{channel} begins at {begins:.4g}, not at zero'
         if channel == 'voltage' or not (resting or led):
             if resting or recording.drive not in ('voltage', 'charge'):
                 mend = 'kept: an offset of the driver or of its monitor'
@@ -278,7 +291,7 @@ def check_start(recording, command_range):
                         'at first')
             findings.append(found(recording, 0, NOTE, what, mend))
             continue
-        measured[channel] = values - start
+        measured[channel] = values - begins
         findings.append(found(recording, 0, REPAIRED, what,
                               f'the mean of the first {rows} rows is taken off'))
     return recording.replace(measured={**recording.measured, **measured}), findings
