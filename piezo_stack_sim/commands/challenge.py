@@ -136,7 +136,7 @@ def diagnose(recordings, parameter_file):
             model = device if kind == 'before' else model
             response = simulate(model, recording.time, recording.command,
                                 recording.external_force, drive=recording.drive,
-                                start=recording.start)
+                                start=recording.start, before=recording.before)
             for channel in recording.measured:
                 values = getattr(response, channel)
                 if channel != 'voltage':

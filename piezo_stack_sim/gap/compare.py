@@ -7,10 +7,9 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_stack_sim.gap import where
-from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.report_parts import gap_part, records_part
+from piezo_stack_sim.gap.succession import simulate_given
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
@@ -41,8 +40,8 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
     from dataclasses import asdict
 
     checked, findings = preflight(recordings, device)
-    simulated = simulate_set(device, checked.recordings)
-    evidence = prepare(sized(checked.recordings, simulated), simulated)
+    checked, simulated, more = simulate_given(checked, device)
+    evidence = prepare(checked.recordings, simulated)
     residual = np.concatenate([
         track.weighted(c, answer[c])
         for track, answer in zip(evidence.tracks, simulated) for c in track.channels])
@@ -57,4 +56,4 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
         'where': {'block': biggest, 'shares': fractions, 'blocks': blocks, 'channels': channels,
                   'records': records, 'bands': where.by_band(evidence, residual),
                   'regimes': where.by_regime(evidence, residual)},
-        'records': records_part(evidence), 'preflight': [asdict(f) for f in findings]}
+        'records': records_part(evidence), 'preflight': [asdict(f) for f in findings + more]}

@@ -16,7 +16,6 @@ import time
 
 from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
-from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.candidates import search_singles, weigh_anew
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
@@ -27,6 +26,7 @@ from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.ranked import DEFAULTS, Thresholds
+from piezo_stack_sim.gap.succession import simulate_given
 from piezo_stack_sim.gap.terminals import look_at_terminals
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
@@ -96,8 +96,8 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     progress('checking the recordings')
     checked, findings = preflight(recordings, device)
     progress('simulating the parameter file as given')
-    before = simulate_set(device, checked.recordings)
-    checked = checked.replace(recordings=sized(checked.recordings, before))
+    checked, before, more = simulate_given(checked, device)
+    findings = findings + more
     evidence = prepare(checked.recordings, before, device)
     progress('re-tuning the nominal parameters')
     fitter = Fitter(device, evidence)

@@ -41,7 +41,8 @@ def simulate_channels(device: Device, recording: Recording) -> dict[str, np.ndar
     timeline = _TIMELINES.get(recording)
     if timeline is None:
         timeline = _TIMELINES[recording] = Timeline.of(
-            recording.time, recording.command, recording.external_force, recording.start)
+            recording.time, recording.command, recording.external_force, recording.start,
+            recording.before)
     response = replay(device, timeline, recording.drive)
     return {'voltage': response.voltage, 'charge': response.charge,
             'displacement': response.displacement}

@@ -65,7 +65,8 @@ class MeasuredVoltage:
         held = places.astype(int)  # the row from which on a command holds
         driven = simulate(driver, np.interp(places, rows, recording.time),
                           recording.command[held], recording.external_force[held],
-                          'voltage', start=recording.start).voltage
+                          'voltage', start=recording.start,
+                          before=recording.before).voltage
         at_rows = driven[2 * np.searchsorted(edges, rows)]
         return cls(recording, edges, jumps, driven, above_noise(
             recording.measured['voltage'] - at_rows, track.zero['voltage']))
@@ -128,7 +129,7 @@ class MeasuredVoltage:
         rows = np.arange(len(self.recording))
         return Recording(self.recording.name, np.interp(edges, rows, self.recording.time),
                          'voltage', command, self.recording.external_force[edges.astype(int)],
-                         start=self.recording.start)
+                         start=self.recording.start, before=self.recording.before)
 
     def answer_of(self, device: Device) -> dict[str, np.ndarray]:
         """Return what a device does that this voltage drives, channel to (n,), SI units."""

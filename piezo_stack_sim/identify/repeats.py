@@ -27,7 +27,7 @@ def replayed(recordings, device: Device) -> list:
     result = []
     for each in recordings:
         answer = simulate(device, each.time, each.command, each.external_force, each.drive,
-                          start=each.start)
+                          start=each.start, before=each.before)
         result.append(each.replace(measured={c: getattr(answer, c) for c in each.measured}))
     return result
 

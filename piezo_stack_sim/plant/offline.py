@@ -10,7 +10,7 @@ accumulating an error.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 import os
@@ -29,7 +29,8 @@ MAX_CLASSES = 8  # different row lengths treated exactly; more are laid on the t
 
 def simulate(device: Device, time, command, external_force=None, drive: str | None = None,
              state: PlantState | None = None, seed: int | None = None,
-             noise: bool = False, start: tuple[float, float] = (0.0, 0.0)) -> Response:
+             noise: bool = False, start: tuple[float, float] = (0.0, 0.0),
+             before: Sequence[float] = ()) -> Response:
     """
     Replay commands and forces through a device (Eqs. 11 to 17 and its effects).
 
@@ -54,6 +55,8 @@ def simulate(device: Device, time, command, external_force=None, drive: str | No
     start : tuple of float
         Voltage command (V) and external force (N) under which the device rests before the
         first row, its sensors zeroed there.
+    before : sequence of float
+        Voltages (V) that it had been led to before that.
 
     Returns
     -------
@@ -66,8 +69,8 @@ def simulate(device: Device, time, command, external_force=None, drive: str | No
         If lengths differ, times do not increase or a number is not finite.
 
     """
-    return replay(device, Timeline.of(time, command, external_force, start), drive, state,
-                  seed, noise)
+    return replay(device, Timeline.of(time, command, external_force, start, before), drive,
+                  state, seed, noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ class Timeline:
         As for :func:`simulate`.
     period : float or None
         Length of every row (s); None if they differ.
-    start : tuple of float
+    start, before : tuple of float
         As for :func:`simulate`.
 
     """
@@ -91,10 +94,12 @@ class Timeline:
     external_force: np.ndarray
     period: float | None
     start: tuple[float, float] = (0.0, 0.0)
+    before: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, time, command, external_force=None,
-           start: tuple[float, float] = (0.0, 0.0)) -> Timeline:
+           start: tuple[float, float] = (0.0, 0.0), before: Sequence[float] = ()
+           ) -> Timeline:
         """
         Return the timeline of what :func:`simulate` takes.
 
@@ -112,7 +117,8 @@ class Timeline:
         period = float(time[-1] - time[0]) / max(time.size - 1, 1)
         grid = time[0] + period * np.arange(time.size)
         even = time.size > 1 and np.abs(time - grid).max() < max(5e-7, 1e-6 * period)
-        return cls(time, command, force, period if even else None, start)
+        return cls(time, command, force, period if even else None, start,
+                   tuple(before))
 
 
 def replay(device: Device, timeline: Timeline, drive: str | None = None,
@@ -124,7 +130,7 @@ def replay(device: Device, timeline: Timeline, drive: str | None = None,
     time, n = timeline.time, timeline.time.size
     period = timeline.period or (
         (time[-1] - time[0]) / (n - 1) if n > 1 else 1.0 / device.rate)
-    plant = Plant(device, period, drive, noise, timeline.start)
+    plant = Plant(device, period, drive, noise, timeline.start, timeline.before)
     if state is not None:
         plant.restore(state)
     if timeline.period is not None or n == 1:
@@ -148,7 +154,7 @@ def simulate_many(jobs: Iterable[tuple[Device, object]], workers: int | None = N
     def one(job):
         device, recording = job
         return simulate(device, recording.time, recording.command, recording.external_force,
-                        recording.drive, start=recording.start)
+                        recording.drive, start=recording.start, before=recording.before)
 
     jobs = list(jobs)
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:

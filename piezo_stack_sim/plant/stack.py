@@ -10,6 +10,7 @@ same numbers to the bit, however they are cut into calls.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 
 import numpy as np
@@ -50,14 +51,16 @@ class Plant:
         Voltage command (V) and external force (N) under which the device rests when it
         starts, led there slowly; its sensors are zeroed there.  The command counts for the
         drive ``voltage``; under the others the leads have been shorted, or open.
+    before : sequence of float
+        Voltages (V) that it had been led to before that, one after the other.
 
     """
 
     def __init__(self, device: Device, period: float | None = None,
                  drive: str | None = None, noise: bool = True,
-                 start: tuple[float, float] = (0.0, 0.0)) -> None:
+                 start: tuple[float, float] = (0.0, 0.0), before: Sequence[float] = ()) -> None:
         self.device = device
-        self.start = start
+        self.start, self.before = start, tuple(before)
         self.period = 1.0 / device.rate if period is None else float(period)
         if not self.period > 0.0 or not math.isfinite(self.period):
             raise InputError(f'sample period {self.period} s: expected a positive number')
@@ -117,8 +120,9 @@ class Plant:
         self._memory = np.zeros(layout.N_MEMORY)
         self._out_of_range = False
         self._zero = np.zeros(N_ZEROS)
-        if led or any(model.previous_voltages):
-            self._polarise((*model.previous_voltages, source), force)
+        past = (*model.previous_voltages, *self.before)
+        if led or any(past):
+            self._polarise((*past, source), force)
         self._commands = np.full(self._command_lag + 1, source or self._idle_command())
         self._readings = np.zeros(self._reading_lag)
         self._bring_in_line(self._commands[0])

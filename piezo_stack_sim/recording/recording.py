@@ -73,6 +73,8 @@ class Recording:
     start : tuple of float
         Voltage command (V) and external force (N) under which the device rested before the
         first row, where charge and displacement count from; preflight tells.
+    before : tuple of float
+        Voltages (V) that it had been led to before that, if it was not relaxed.
 
     Raises
     ------
@@ -94,6 +96,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     arbitrary: bool = False
     start: tuple[float, float] = (0.0, 0.0)
+    before: tuple[float, ...] = ()
 
     def __post_init__(self):
         """Turn what was given into read-only vectors of one length."""
