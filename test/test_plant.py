@@ -348,6 +348,26 @@ def test_a_device_that_starts_elsewhere_rests_there(device, effect, period, star
     assert np.abs(held.displacement).max() < 1e-14 and np.abs(held.charge).max() < 1e-13
 
 
+def test_whatever_was_before_a_device_starts_or_says_why_not(device):
+    """A fit tries numbers with which springs and voltages yield; it must never be torn."""
+    random, started = np.random.default_rng(8), 0
+    for effect in ('stiffness_hardening', 'asymmetric_hysteresis', 'contact') * 60:
+        values = {p.name: random.uniform(p.lower, p.upper) for p in EFFECTS[effect].parameters
+                  if np.isfinite([p.lower, p.upper]).all()}
+        past = dict(zip(('peak_voltage', 'turn_voltage', 'return_voltage'),
+                        random.uniform(-200.0, 200.0, 3)))
+        burdened = device.with_effects({effect: values, 'initial_polarisation': past})
+        start = random.choice([0.0, 60.0]), random.choice([0.0, -300.0])
+        try:
+            plant = Plant(burdened, 1e-4, start=start)
+        except InputError as error:
+            assert 'rests nowhere' in str(error) or 'finite numbers' in str(error)
+            continue
+        started += 1
+        assert np.isfinite(plant.sample_exact()).all()
+    assert started > 100
+
+
 @pytest.mark.parametrize('drive', ['charge', 'open', 'shorted'])
 def test_a_force_from_before_the_start_moves_nothing_under_any_drive(device, drive):
     device = device.with_effects({'stiffness_hardening': {'quadratic': 0.2, 'cubic': 0.3}})

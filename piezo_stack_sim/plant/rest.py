@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-import math
+from collections.abc import Callable, Collection
 
 import numpy as np
 
@@ -13,6 +12,10 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import layout, ports
 from piezo_stack_sim.plant.assembly import System
 from scipy.optimize import brentq
+
+STEPS = 40  # to where the other side of an equilibrium is looked for
+UNSTABLE = ('the device rests nowhere under the voltages and the force before its start: a spring '
+            'or a voltage of its effects yields without end')
 
 
 def rest(system: System, s: np.ndarray, q: float, v: float, inputs: np.ndarray,
@@ -134,14 +137,19 @@ class Lead:
                 system.real, self.flags, self.p, system.r, system.k, system.v_break,
                 self.elastance)
             return self.charge
-        sign = 1.0 if voltage > self._voltage(self.charge) else -1.0
-        far = self.charge + sign * 1e-6
-        while sign * (self._voltage(far) - voltage) < 0.0:
-            far += sign * max(abs(far - self.charge), 1e-6)
-        there = brentq(lambda charge: self._voltage(charge) - voltage, self.charge, far,
-                       xtol=1e-16, rtol=1e-14) if far != self.charge else far
-        self.charge = self._move(there, self.flags, self.p)
-        return self.charge
+        miss = voltage - self._voltage(self.charge)
+        if miss == 0.0:
+            return self.charge
+        # The free capacitance tells how far about; what is not linear makes it more or less.
+        step, far = 0.25 * self.capacitance * miss, self.charge
+        for _ in range(STEPS):
+            far += step
+            if (voltage - self._voltage(far)) * miss <= 0.0:
+                there = _root(lambda charge: self._voltage(charge) - voltage, self.charge, far)
+                self.charge = self._move(there, self.flags, self.p)
+                return self.charge
+            step *= 1.2
+        raise InputError(UNSTABLE)
 
     def states(self) -> np.ndarray:
         """Return where the states rest at the charge reached, shape (N,), with zero volts."""
@@ -182,9 +190,24 @@ class Lead:
         if first == 0.0:
             return 0.0
         # What pushes back does so by no more than where nothing gives way, what yields by more.
-        while miss(far) * first > 0.0:
-            far *= 2.0
-            if not math.isfinite(far):
-                raise InputError('no place is stable under the force and the voltage at which '
-                                 'the device begins: the spring of an effect yields without end')
-        return float(brentq(miss, 0.0, far, xtol=1e-12, rtol=1e-14))
+        for _ in range(STEPS):
+            if miss(far) * first <= 0.0:
+                return _root(miss, 0.0, far)
+            far *= 1.5
+        raise InputError(UNSTABLE)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """
+    Return where a function between two places of opposite sign is zero.
+
+    Raises
+    ------
+    InputError
+        If it leaves the finite numbers in between.
+
+    """
+    try:
+        return float(brentq(function, low, high, xtol=1e-18, rtol=1e-14))
+    except (ValueError, RuntimeError):
+        raise InputError(UNSTABLE) from None
