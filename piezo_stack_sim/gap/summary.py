@@ -57,9 +57,8 @@ def summary_lines(diagnosis, width=80):
     if diagnosis['next_experiment']:
         text = next_sentence(diagnosis['next_experiment'])
         last += [(line, '') for line in _wrapped(f'Next    {text}', width, 2, ' ' * 8)]
-    last += [(_first(word, each, width), style) for word, each, style in (
-        ('Data', _data(diagnosis), 'yellow'), ('Warning', diagnosis['warnings'], 'yellow'))
-        if each]
+    for word, texts in ('Data', _data(diagnosis)), ('Warning', diagnosis['warnings']):
+        last += [(line, 'yellow') for line in _first(word, texts, width)]
     # Paths are for copying: never cut
     last += [(f'Wrote   {_printable(path)}', 'dim')
              for path in list(diagnosis.get('files', {}).values())[:3]]
@@ -76,9 +75,16 @@ def _data(diagnosis):
 
 
 def _first(word, texts, width):
-    """Return the first of some texts on a line of its own, and how many more there are."""
+    """Return the first of some texts on at most two lines, and how many more there are."""
+    if not texts:
+        return []
     more = f' ({len(texts) - 1} more in the report)' if len(texts) > 1 else ''
-    return _cut(f'{word:<7} {texts[0]}', width - len(more)) + more
+    text = f'{word:<7} {texts[0]}'
+    whole = _wrapped(text + more, width, 2, ' ' * 8)
+    if whole[-1].endswith('…'):  # the count comes last, and is not to be lost
+        whole = _wrapped(text, width, 2, ' ' * 8)
+        whole[-1] = _cut(whole[-1], width - len(more)) + more
+    return whole
 
 
 def _gap(diagnosis):

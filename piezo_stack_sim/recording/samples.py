@@ -17,10 +17,10 @@ _MOVED = 0.03
 _ABSURD = 1e30
 _SPIKE = 10.0
 # An offset that is no noise, disturbance or drift, as a part of the channel's range.
-_JUMPED = 5  # rows after which a jump of the command or the force has shown
-_SEEN = 10.0  # times the noise from which it would show
-_ZERO = 0.01  # part of the range that counts as none
 _OFFSET = 0.02
+# Rows after which a jump of the command or the force has shown, times the noise from which it
+# would, and the part of their range that counts as none.
+_JUMPED, _SEEN, _ZERO = 5, 10.0, 0.01
 
 
 def runs_of(flags):
