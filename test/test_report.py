@@ -91,6 +91,17 @@ def test_each_verdict_says_what_how_sure_and_how_much_smaller(verdict, phrases):
         assert phrase in sentence
 
 
+def test_what_hides_in_the_noise_is_not_said_to_lie_in_a_block():
+    diagnosis = make_diagnosis('UNKNOWN')
+    for row in diagnosis['gap'].values():
+        row['over_noise'] = 1.01
+    diagnosis['where']['records'] = {'decay': 0.7, 'steps': 0.3}
+    sentence = verdict_sentence(diagnosis)
+    assert sentence.startswith('All in all the simulation agrees with the recordings to within')
+    assert 'most of all in decay' in sentence and '91 % sure' in sentence
+    assert 'block' not in sentence
+
+
 def test_the_sentence_gives_the_score_that_follows_from_the_powers(cause):
     row = cause['shrinkage']['displacement']
     score = 1 - (row['after'] - row['noise']) / (row['before'] - row['noise'])

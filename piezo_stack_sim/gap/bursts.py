@@ -22,6 +22,7 @@ from scipy import signal, stats
 RINGS = -0.4  # least autocorrelation of what swings through zero
 BURSTS = 12.0  # kurtosis of what comes in bursts; that of noise, which counts for none of it, is 3
 UNTOLD = 0.8  # part of the gap that the motion must leave, if something else is to blame
+ALIKE = 0.2  # autocorrelation, from row to row, of a reading that sticks
 JUMP = 12.0  # nats that a jump from level to level must bring: one in a hundred thousand rows
 TURNS = 6  # times that levels and jumps are asked in turn
 LEVELS = 0.13  # part of the gap that two levels may leave
@@ -30,6 +31,8 @@ _KNOCKED = Suspect('environment', 'the displacement rings in bursts that no comm
                    'of knocks on the table')
 _STUCK = Suspect('sensor', 'the displacement is wrong in short bursts that nothing calls for: its '
                  'readings jump or stick')
+_NOISY = Suspect('sensor', 'the displacement is noisier at some times than at others, and differs '
+                 'from row to row as noise does')
 _JUMPS = Suspect('sensor', 'the displacement is wrong by one of two levels, between which its '
                  'reading jumps at times of its own')
 
@@ -37,6 +40,8 @@ _JUMPS = Suspect('sensor', 'the displacement is wrong by one of two levels, betw
 def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | None:
     """
     Return the environment if the displacement rings in bursts, the sensor if it jumps, or None.
+
+    The sensor, too, if it is noisier at times.
 
     Parameters
     ----------
@@ -46,7 +51,7 @@ def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | Non
         Of the displacement, of all tracks.
 
     """
-    weights, dips, peaks = [], [], []
+    weights, dips, peaks, nexts = [], [], [], []
     for cut in cuts:
         wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
         if wrong.size < 16:
@@ -58,6 +63,7 @@ def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | Non
         likeness = signal.correlate(gap, gap, method='fft')[gap.size - 1:]
         weights.append(loud * gap.size)
         dips.append(likeness[1:gap.size // 8].min() / (loud * gap.size))
+        nexts.append(likeness[1] / (loud * gap.size))
         # What the bursts have of it: of a sum of independent parts the cumulants add up.
         peaks.append((float(stats.kurtosis(gap, fisher=True)) * (1.0 + loud) ** 2
                       ) / loud ** 2 + 3.0)
@@ -67,7 +73,9 @@ def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | Non
         return _KNOCKED if np.average(peaks, weights=weights) > BURSTS else None
     # Not where the motion tells it; a step is a burst of its own, but most recordings never rest.
     untold = course is not None and (course.gap < LOUD or course.history > UNTOLD)
-    return _STUCK if untold and np.median(peaks) > BURSTS else None
+    if not untold or np.median(peaks) < BURSTS:
+        return None
+    return _STUCK if np.average(nexts, weights=weights) > ALIKE else _NOISY
 
 
 def suspect_jumps(cuts: Sequence[dict], course: Course | None) -> Suspect | None:

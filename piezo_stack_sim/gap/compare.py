@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_stack_sim.gap import where
-from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.evidence import noisier, prepare
 from piezo_stack_sim.gap.report_parts import gap_part, records_part
 from piezo_stack_sim.gap.succession import simulate_given
 from piezo_stack_sim.plant import Device
@@ -56,4 +56,5 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
         'where': {'block': biggest, 'shares': fractions, 'blocks': blocks, 'channels': channels,
                   'records': records, 'bands': where.by_band(evidence, residual),
                   'regimes': where.by_regime(evidence, residual)},
-        'records': records_part(evidence), 'preflight': [asdict(f) for f in findings + more]}
+        'records': records_part(evidence),
+        'preflight': [asdict(f) for f in findings + more + noisier(evidence)]}

@@ -21,7 +21,7 @@ from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
 from piezo_stack_sim.gap.document import build_document
 from piezo_stack_sim.gap.doubt import doubted
-from piezo_stack_sim.gap.evidence import prepare, reweigh
+from piezo_stack_sim.gap.evidence import noisier, prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
 from piezo_stack_sim.gap.isolability import isolability
@@ -134,6 +134,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     progress('writing it up')
     devices = fitter.devices_of(chosen)
     after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))
+    findings = findings + noisier(evidence)
     result = build_document(recordings.name, findings, fitter, search, decision, before, after,
                             flexible, thresholds, terminals and terminals.tuned)
     if ablate:

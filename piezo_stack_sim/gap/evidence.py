@@ -9,20 +9,23 @@ withheld from a fit are stretches of rows, alternating along each recording.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
 
+from piezo_stack_sim.gap.loudness import louder
 from piezo_stack_sim.gap.noise import ChannelNoise, estimate_noise
 from piezo_stack_sim.plant import Device
+from piezo_stack_sim.recording.finding import Finding, found, NOTE
 from piezo_stack_sim.recording.recording import Recording
 
 CHANNELS = ('voltage', 'charge', 'displacement')
 ROWS = 7500  # a recording is averaged down to at most about this many rows
 RESTING_ROWS = 3000  # one whose command mostly rests, to this many
 STRETCHES = 20  # alternating stretches that are fitted and withheld
+TOLD = 1.2  # times the noise of others from which that of a recording is worth a word
 QUIETER = 0.87  # part of the noise below which a new estimate of it is taken for better
 
 
@@ -46,6 +49,8 @@ class Track:
         read off a single row.
     fitted : ndarray of bool, shape (m,)
         The rows that a fit may see; the others are withheld from it.
+    louder : dict of str to float
+        How many times the noise of a channel this recording has, where that is not 1.
 
     """
 
@@ -55,6 +60,7 @@ class Track:
     sigma: dict[str, float]
     zero: dict[str, float]
     fitted: np.ndarray
+    louder: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -104,9 +110,10 @@ class Evidence:
         return tuple(c for c in CHANNELS if any(c in track.measured for track in self.tracks))
 
     def noise_rms(self, channel: str) -> float:
-        """Return the standard deviation of the noise of a single row, over all recordings."""
-        return float(np.sqrt(np.mean([track.zero[channel] ** 2 for track in self.tracks
-                                      if channel in track.zero])))
+        """Return the standard deviation of the noise of a row, over those of all recordings."""
+        tracks = [track for track in self.tracks if channel in track.zero]
+        return float(np.sqrt(np.average([track.zero[channel] ** 2 for track in tracks],
+                                        weights=[len(track.recording) for track in tracks])))
 
     @property
     def keys(self) -> list[tuple[int, str]]:
@@ -134,17 +141,29 @@ def quieter(evidence: Evidence, simulated) -> Evidence:
         The same object if no channel's noise is clearly less.
 
     """
-    noise = estimate_noise([track.recording for track in evidence.tracks], simulated)
-    found = [_deviations(noise, track.recording, track.factor) for track in evidence.tracks]
-    better = {channel: noise[channel] for track, now in zip(evidence.tracks, found)
-              for channel in now if now[channel] < QUIETER * track.sigma[channel]}
+    noise, times = _noise_of([track.recording for track in evidence.tracks], simulated)
+    now = [_deviations(noise, track.recording, track.factor, each)
+           for track, each in zip(evidence.tracks, times)]
+    better = {channel: noise[channel] for track, sigma in zip(evidence.tracks, now)
+              for channel in sigma if sigma[channel] < QUIETER * track.sigma[channel]}
     if not better:
         return evidence
     return replace(evidence, noise=evidence.noise | better, tracks=tuple(
         replace(track,
-                sigma=track.sigma | _deviations(better, track.recording, track.factor),
-                zero=track.zero | _deviations(better, track.recording))
-        for track in evidence.tracks))
+                sigma=track.sigma | _deviations(better, track.recording, track.factor, each),
+                zero=track.zero | _deviations(better, track.recording, 1, each),
+                louder={**track.louder, **dict.fromkeys(better, 1.0), **{
+                    channel: value for channel, value in each.items() if channel in better}})
+        for track, each in zip(evidence.tracks, times)))
+
+
+def noisier(evidence: Evidence) -> list[Finding]:
+    """Return what to tell of recordings that are noisier than others."""
+    return [found(track.recording, None, NOTE,
+                  f'{channel} is {times:.2g} times as noisy as in the quietest recording',
+                  'it is weighed by its own noise: another range, filter or rate of the sensor?')
+            for track in evidence.tracks for channel, times in sorted(track.louder.items())
+            if times > TOLD]
 
 
 def of_any_colour(evidence: Evidence, simulated) -> Evidence:
@@ -161,19 +180,31 @@ def of_any_colour(evidence: Evidence, simulated) -> Evidence:
         Channel to (n,) array for each track, from the best model without any effect.
 
     """
-    noise = estimate_noise([track.recording for track in evidence.tracks], simulated, 1.0)
-    louder = []
+    noise = estimate_noise([track.recording for track in evidence.tracks], simulated, 1.0,
+                           [track.louder for track in evidence.tracks])
+    tracks = []
     for track in evidence.tracks:
-        now = _deviations(noise, track.recording, track.factor)
-        louder.append(replace(track, sigma={
+        now = _deviations(noise, track.recording, track.factor, track.louder)
+        tracks.append(replace(track, sigma={
             channel: max(sigma, now.get(channel, 0.0)) for channel, sigma in track.sigma.items()}))
-    return replace(evidence, tracks=tuple(louder))
+    return replace(evidence, tracks=tuple(tracks))
 
 
-def _deviations(noise: dict[str, ChannelNoise], recording: Recording, factor: int = 1
-                ) -> dict[str, float]:
+def _noise_of(recordings, simulated) -> tuple[dict[str, ChannelNoise], list[dict[str, float]]]:
+    """Return the noise of every channel, and how many times that each recording has."""
+    noise = estimate_noise(recordings, simulated)
+    times = louder(recordings, simulated, noise)
+    if any(times):
+        # What differs in loudness had looked like colour.
+        noise = estimate_noise(recordings, simulated, louder=times)
+        times = louder(recordings, simulated, noise)
+    return noise, times
+
+
+def _deviations(noise: dict[str, ChannelNoise], recording: Recording, factor: int,
+                times: Mapping[str, float]) -> dict[str, float]:
     """Return the deviation of an average over ``factor`` rows, of every channel it measured."""
-    return {c: noise[c].deviation(recording.period, len(recording), factor)
+    return {c: times.get(c, 1.0) * noise[c].deviation(recording.period, len(recording), factor)
             for c in CHANNELS if c in recording.measured and c in noise}
 
 
@@ -240,15 +271,15 @@ def prepare(recordings, simulated, device: Device | None = None) -> Evidence:
     Evidence
 
     """
-    noise = estimate_noise(recordings, simulated)
+    noise, louder_by = _noise_of(recordings, simulated)
     tracks = []
-    for recording in recordings:
+    for recording, times in zip(recordings, louder_by):
         factor = _averaging(recording)
         measured = {c: average(recording.measured[c], factor)
                     for c in CHANNELS if c in recording.measured}
         m = len(recording) // factor
         stretch = np.arange(m) * STRETCHES // max(m, 1)
         tracks.append(Track(
-            recording, factor, measured, _deviations(noise, recording, factor),
-            _deviations(noise, recording), stretch % 2 == 0))
+            recording, factor, measured, _deviations(noise, recording, factor, times),
+            _deviations(noise, recording, 1, times), stretch % 2 == 0, times))
     return Evidence(tuple(tracks), noise, device)

@@ -13,6 +13,7 @@ of first order with a corner.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 
@@ -78,7 +79,8 @@ class ChannelNoise:
         return 2.0 * period * (self.white ** 2 + red) + self.pink / f
 
 
-def estimate_noise(recordings, simulated, coloured: float = COLOURED
+def estimate_noise(recordings, simulated, coloured: float = COLOURED,
+                   louder: Sequence[Mapping[str, float]] | None = None
                    ) -> dict[str, ChannelNoise]:
     """
     Estimate the noise of every measured channel.
@@ -92,10 +94,13 @@ def estimate_noise(recordings, simulated, coloured: float = COLOURED
         what is not noise.
     coloured : float, optional
         Rms, against that of the white part, from which colour is believed.
+    louder : sequence of dict, optional
+        Channel to how many times (rms) as noisy as others each recording is known to be.
 
     Returns
     -------
     dict of str to ChannelNoise
+        Of recordings that are not.
 
     Raises
     ------
@@ -105,10 +110,11 @@ def estimate_noise(recordings, simulated, coloured: float = COLOURED
     """
     spectra: dict[str, list] = {}
     floors: dict[str, list[float]] = {}
-    for recording, simulation in zip(recordings, simulated):
+    for recording, simulation, times in zip(
+            recordings, simulated, louder or [{}] * len(recordings)):
         lag = repetition(recording.command, recording.external_force)
         for channel, measured in recording.measured.items():
-            residual = measured - simulation[channel]
+            residual = (measured - simulation[channel]) / times.get(channel, 1.0)
             if residual.size < FEWEST:
                 continue
             third = np.diff(residual, 3)

@@ -27,9 +27,9 @@ from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import CLOCK, HEATED, play
 from piezo_stack_sim.gap.evidence import Evidence, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter
-from piezo_stack_sim.gap.forward import residuals_of, simulate_set
+from piezo_stack_sim.gap.forward import residuals_of, simulate_channels, simulate_set
 from piezo_stack_sim.plant import Device
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize_scalar
 
 SKEWS = np.geomspace(3e-6, 5e-3, 40)  # parts by which a clock may run fast or slow
 PLAYS = np.geomspace(1e-9, 4e-7, 24)  # m, half width of a play
@@ -43,6 +43,11 @@ ON, OFF = np.linspace(0.3, 0.95, 14), np.linspace(0.02, 0.6, 13)  # of the highe
 BETWEEN = np.linspace(-0.04, 0.04, 5)  # of what was best of these, then
 LEAKED = 1e-9  # m/V, that leaks into the reading to see what it does
 RELAYED = 1e-7  # C, that a relay lets in to see what it does
+AVERAGED = (('displacement',), ('voltage', 'charge', 'displacement'))
+FINE, PARTS = 8e-6, (8, 64)  # s, and into how many parts a row is cut of which the mean is taken
+LATEST = 0.02  # s that a recording may start late or early
+STEPS = np.unique(np.round(np.concatenate([
+    np.arange(-20.0, 21.0), -np.geomspace(20.0, 400.0, 30), np.geomspace(20.0, 400.0, 30)])))
 AGAIN = 2  # times that the best place is re-tuned and simulated
 
 Outputs = Sequence[dict]  # channel to (n,) array, for each track
@@ -180,6 +185,49 @@ def _skewed(device, evidence, outputs, skew):
     return list(map(one, evidence.tracks, outputs))
 
 
+def _each_late(device, evidence, outputs, most):
+    # Each recording by what fits it best: nothing of the device differs between them.
+    def one(track, answer):
+        if 'displacement' not in track.measured:
+            return answer, 0.0
+        time = _since(track)
+
+        def left(late):
+            shifted = np.interp(time - late, time, answer['displacement'])
+            wrong = track.weighted('displacement', shifted)
+            return float(wrong @ wrong)
+
+        grid = track.recording.period * STEPS
+        grid = grid[np.abs(grid) <= most]
+        best = grid[int(np.argmin([left(late) for late in grid]))]
+        late = float(minimize_scalar(left, bounds=(
+            best - track.recording.period, best + track.recording.period), method='bounded').x)
+        return {**answer, 'displacement': np.interp(time - late, time,
+                                                    answer['displacement'])}, late
+
+    return [answer for answer, _ in parallel(lambda pair: one(*pair), zip(
+        evidence.tracks, outputs))]
+
+
+def _row_means(device, evidence, outputs, averaged):
+    def one(track, answer):
+        recording = track.recording
+        count = int(np.clip(recording.period / FINE, *PARTS))
+        time = np.arange(count * len(recording)) * (recording.period / count)
+        parts = replace(recording, time=time, rows=None, measured={},
+                        command=np.repeat(recording.command, count),
+                        external_force=np.repeat(recording.external_force, count))
+        whole = simulate_channels(device, parts)
+        # Of the row that ends with the sample, by the trapezoidal rule.
+        means = {channel: np.append(values[0], np.add.reduceat(
+            0.5 * (values[1:] + values[:-1]), np.arange(0, values.size - 1, count))[:-1] / count)
+            for channel, values in whole.items()}
+        return {channel: means[channel] if channel in averaged else values
+                for channel, values in answer.items()}
+
+    return parallel(lambda pair: one(*pair), list(zip(evidence.tracks, outputs)))
+
+
 def _with_play(device, evidence, outputs, half):
     return [{**answer, 'displacement': play(answer['displacement'], half)} for answer in outputs]
 
@@ -267,5 +315,11 @@ STRANGERS = (
     Stranger(Suspect('electrical', 'charge and displacement are wrong as if the polarisation '
                      'jumped at one voltage, and back at another'), [_MOVED], _relays, _relayed,
              True, _relays_near),
+    Stranger(Suspect('sensor', 'each reading is wrong as if it were the mean over its row, not a '
+                     'sample: let the recorder take samples, or read more often'), [_MOVED],
+             lambda outputs: AVERAGED, _row_means),
+    Stranger(Suspect('sensor', 'the displacement is late by another time in every recording, as '
+                     'nothing of a device is: was it recorded by another clock than the command?'),
+             [_MOVED], lambda outputs: (LATEST,), _each_late),
     Stranger(HEATED, [_BOTH, _DRIVEN], lambda outputs: HEAT, _heated, True),
 )

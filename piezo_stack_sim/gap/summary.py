@@ -126,7 +126,8 @@ def _where(diagnosis):
                        if high else f'above {band["low"]:g} Hz {percent(band["share"])}')
     if where['regimes']:
         regime = max(where['regimes'], key=lambda row: row['share'])
-        details.append(f'{regime["name"]} {percent(regime["share"])}')
+        if regime['share']:
+            details.append(f'{regime["name"]} {percent(regime["share"])}')
     if details:
         lines.append(f'        {"; ".join(details)}')
     return [(line, '') for line in lines]

@@ -222,17 +222,21 @@ def by_regime(evidence: Evidence, residual: np.ndarray) -> list[dict]:
     """Return in which regimes of the motion the gap sits."""
     power: dict[str, float] = {}
     rows: dict[str, int] = {}
+    total = size = 0.0
     for (i, _), where in zip(evidence.keys, spans(evidence)):
         track = evidence.tracks[i]
         excess = residual[where] ** 2 - 1.0
+        # What is as quiet as its noise has no gap of which a part could lie anywhere.
+        loud = float(excess.sum()) > 0.0
+        total += loud * float(excess.sum())
+        size += loud * excess.size
         for name, inside in _regimes(track).items():
-            power[name] = power.get(name, 0.0) + float(excess[inside].sum())
-            rows[name] = rows.get(name, 0) + int(inside.sum())
-    total = max(sum(float(np.sum(residual[w] ** 2 - 1.0)) for w in spans(evidence)), 1e-12)
-    mean = total / residual.size
-    return [{'name': name, 'share': float(min(max(power[name] / total, 0.0), 1.0)),
-             'ratio': float(max(power[name] / max(rows[name], 1) / mean, 0.0))}
-            for name in power if rows[name] > 0]
+            power[name] = power.get(name, 0.0) + loud * float(excess[inside].sum())
+            rows[name] = rows.get(name, 0) + int(inside.sum()) * loud
+    mean = total / max(size, 1.0)
+    return [{'name': name, 'share': min(max(of_it / total, 0.0), 1.0) if total else 0.0,
+             'ratio': max(of_it / max(rows[name], 1) / mean, 0.0) if total else 0.0}
+            for name, of_it in power.items()]
 
 
 def _regimes(track) -> dict[str, np.ndarray]:

@@ -15,6 +15,8 @@ VERDICTS = {
     'NOT_IDENTIFIABLE': 'Not identifiable',
 }
 
+HIDDEN = 1.05  # times the noise below which a channel as a whole does not stand out of it
+
 
 def verdict_sentence(diagnosis):
     """Return what the gap is, how sure that is and how much smaller it gets, in one sentence."""
@@ -37,6 +39,10 @@ def verdict_sentence(diagnosis):
         effects = listing(map(words, diagnosis['ambiguity_set']), 'and')
         return (f'These recordings cannot tell {effects} apart, one of which causes the gap{sure}'
                 f'{smaller}.')
+    if verdict == 'UNKNOWN' and _is_hidden(diagnosis):
+        return (f'All in all the simulation agrees with the recordings to within the noise'
+                f'{_sizes(diagnosis)}; but{_in_recording(diagnosis)} something stands out of it '
+                f'that nothing in the library explains{sure}.')
     if verdict == 'UNKNOWN':
         return f'Nothing in the library explains the gap{sure}{_lies(diagnosis)}{smaller}.'
     return f'These recordings cannot say what causes the gap{sure}{_lies(diagnosis)}{smaller}.'
@@ -183,12 +189,27 @@ def _sizes(diagnosis):
     return f': {listing(sizes)} times the noise' if sizes else ''
 
 
+def _is_hidden(diagnosis):
+    """Tell whether no channel as a whole stands out of its noise."""
+    ratios = [row['over_noise'] for row in diagnosis['gap'].values()]
+    return bool(ratios) and all(ratio is not None and ratio < HIDDEN for ratio in ratios)
+
+
+def _in_recording(diagnosis):
+    """Return where most of a gap lies, as a clause."""
+    records = diagnosis['where']['records']
+    name = max(records, key=lambda record: records[record], default=None)
+    if name is None or not records[name]:
+        return ''
+    return f', most of all in {name}' if records[name] < 1.0 else f' in {name}'
+
+
 def _lies(diagnosis):
     where, channel = diagnosis['where'], lead_channel(diagnosis)
     parts = []
     if where['block']:
         share = where['shares'].get(where['block'])
-        power = f' with {percent(share)} of its power' if share is not None else ''
+        power = f' with {percent(share)} of its power' if share else ''
         parts.append(f'lies in the {where["block"]} block{power}')
     if channel and diagnosis['gap'][channel]['over_noise'] is not None:
         ratio = times_noise(diagnosis['gap'][channel]['over_noise'])
