@@ -10,6 +10,7 @@ from piezo_stack_sim.gap.compare import compare_set
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.progress import Bars, Stage, track
 from piezo_stack_sim.recording import programmes, read_set
+from piezo_stack_sim.recording.recording import RecordingSet
 from piezo_stack_sim.resources import config_file
 import pytest
 
@@ -108,3 +109,35 @@ def test_progress_takes_any_name(monkeypatch):
     assert list(track([1, 2], 'reading [/um]')) == [1, 2]
     with Stage() as stage:
         stage('run [/um]')
+
+
+def with_monitor(standing, read):
+    """Return recordings of a device whose driver stands at a voltage, read too high, as a set."""
+    device, rows = Device.nominal(), []
+    noise = {'voltage': 5e-3, 'charge': 2e-9, 'displacement': 1e-9}
+    for seed, programme in enumerate((programmes.triangle(peaks=(30.0, 90.0), cycles=2),
+                                      programmes.multisine(periods=2))):
+        random = np.random.default_rng(seed)
+        answer = simulate(device, programme.time, programme.command + standing,
+                          start=(standing, 0.0))
+        clean = {channel: getattr(answer, channel) for channel in noise}
+        measured = {channel: values + level * random.standard_normal(values.size)
+                    for (channel, values), level in zip(clean.items(), noise.values())}
+        measured['voltage'] += read
+        for channel in ('charge', 'displacement'):
+            measured[channel] -= clean[channel][0]
+        rows.append(programme.replace(measured=measured))
+    return RecordingSet('bench', tuple(rows))
+
+
+def test_an_offset_that_only_the_reading_of_the_voltage_has_is_no_gap():
+    told = compare_set(with_monitor(0.0, -0.3), Device.nominal())
+    assert [row['over_noise'] for row in told['gap'].values()] == pytest.approx([1.0] * 3, abs=.05)
+    said = [finding['what'] for finding in told['preflight'] if finding['severity'] == 'repaired']
+    assert said == ['voltage reads 0.3 V too little in every row'] * 2
+
+
+def test_an_offset_at_which_the_stack_stands_is_one_of_the_driver():
+    told = compare_set(with_monitor(0.6, 0.0), Device.nominal())
+    assert told['gap']['voltage']['over_noise'] > 50.0
+    assert not any(finding['severity'] == 'repaired' for finding in told['preflight'])

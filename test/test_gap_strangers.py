@@ -29,10 +29,11 @@ def device():
     return Device.nominal()
 
 
-def a_set(device, channels=ALL, spoil=None, played=None, lively=False):
+def a_set(device, channels=ALL, spoil=None, played=None, lively=False, given=None):
     """Return recordings of a device, what it answers and what it was played spoilt perhaps."""
-    given = [programmes.triangle(peaks=(30.0, 90.0), cycles=2), programmes.steps(hold=1.5)]
-    given += [programmes.multisine(periods=2)] if lively else [programmes.force(cycles=2)]
+    given = given or [
+        programmes.triangle(peaks=(30.0, 90.0), cycles=2), programmes.steps(hold=1.5),
+        programmes.multisine(periods=2) if lively else programmes.force(cycles=2)]
     recordings = []
     for seed, programme in enumerate(given):
         random = np.random.default_rng(seed)
@@ -93,6 +94,28 @@ def jumps(device, programme, clean):
             'displacement': clean['displacement'] + 4e-7 * per_charge * np.array(turned)}
 
 
+def finely(device, programme, parts=40):
+    """Return times and displacement within the rows, ``parts`` of each."""
+    time = np.arange(parts * len(programme)) * programme.period / parts
+    return time, simulate(device, time, np.repeat(programme.command, parts),
+                          np.repeat(programme.external_force, parts)).displacement
+
+
+def is_averaged(device, programme, clean):
+    """Return the displacement as a recorder gives it that averages each row."""
+    time, place = finely(device, programme)
+    middle = np.append(0.5 * (place[1:] + place[:-1]), place[-1])
+    return {'displacement': np.append(
+        place[0], middle.reshape(len(programme), -1).mean(axis=1)[:-1])}
+
+
+def starts_anyhow(device, programme, clean):
+    """Return the displacement by a recorder that is started 0.2 to 2 ms late, each time anew."""
+    time, place = finely(device, programme)
+    late = {1e3: 2.1e-3, 5e3: 2.1e-3, 1e4: 1.3e-3, 2e4: 2e-4, 5e4: 6e-4}[round(programme.rate)]
+    return {'displacement': np.interp(programme.time - late, time, place)}
+
+
 def warms(device, programme, clean):
     """Return what a ratio makes that grows by the current of the last 0.3 s."""
     stack = device.actuator
@@ -115,13 +138,15 @@ def warms_up(programme):
     (runs_slow, None, ('displacement',), 'sensor'), (has_play, None, ALL, 'mechanical'),
     (leaks, None, ALL, 'sensor'), (forgets, None, ALL, 'sensor'),
     (jumps, None, ('charge', 'displacement'), 'electrical'), (warms, None, ALL, 'transducer'),
+    (is_averaged, None, ALL, 'sensor'), (starts_anyhow, None, ('displacement',), 'sensor'),
     (None, warms_up, ('charge', 'displacement'), 'drive')])
 def test_a_stranger_is_known_by_what_it_leaves_beside_re_tuned_parameters(
         device, spoil, played, channels, block):
     stack = device.actuator
     other = device.replace(actuator=stack.replace(
         stiffness=1.012 * stack.stiffness, transformer_ratio=0.992 * stack.transformer_ratio))
-    recordings = a_set(other, channels, spoil, played)
+    # Of slow motions a mean over a row is what a sample is.
+    recordings = a_set(other, channels, spoil, played, lively=spoil is is_averaged)
     fitter, nominal = fitter_of(device, recordings)
     met = meet(fitter, nominal)
     assert met.suspect.block == block
@@ -136,6 +161,18 @@ def test_no_stranger_takes_the_place_of_what_the_library_has(device, effect):
     recordings = a_set(device.with_effects({effect: EFFECTS[effect].typical()}))
     answer = diagnose_set(recordings, device, traces=False).document
     assert effect in {*answer['selected'], *answer['ambiguity_set']}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('spoil, why', [
+    (is_averaged, 'mean over its row'), (starts_anyhow, 'late by another time')])
+def test_what_the_recorder_did_is_no_cause(device, spoil, why):
+    # At two rates: at one, a mean over a row is a delay like any other.
+    given = [programmes.multisine(), programmes.decay(), programmes.multisine(
+        band=(5.0, 500.0), period=0.4, rate=5e3, peak=20.0).replace(name='slower')]
+    answer = diagnose_set(a_set(device, spoil=spoil, given=given), device, traces=False).document
+    assert answer['verdict'] == 'UNKNOWN' and answer['where']['block'] == 'sensor'
+    assert why in answer['reason']
 
 
 @pytest.mark.slow

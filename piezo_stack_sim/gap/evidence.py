@@ -204,7 +204,8 @@ def _noise_of(recordings, simulated) -> tuple[dict[str, ChannelNoise], list[dict
 def _deviations(noise: dict[str, ChannelNoise], recording: Recording, factor: int,
                 times: Mapping[str, float]) -> dict[str, float]:
     """Return the deviation of an average over ``factor`` rows, of every channel it measured."""
-    return {c: times.get(c, 1.0) * noise[c].deviation(recording.period, len(recording), factor)
+    return {c: math.hypot(recording.unsure.get(c, 0.0), times.get(c, 1.0) * noise[c].deviation(
+                recording.period, len(recording), factor))
             for c in CHANNELS if c in recording.measured and c in noise}
 
 

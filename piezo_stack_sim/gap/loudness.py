@@ -65,6 +65,16 @@ def louder(recordings: Sequence[Recording], simulated: Sequence[Mapping[str, np.
     return out
 
 
+def white_power(values: np.ndarray) -> float:
+    """Return the power of the white noise in the upper octave of values (n,), 0 if it has more."""
+    window = np.hanning(values.size)
+    power = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2
+    upper = power[power.size // 2:-1]
+    if upper.size < FEWEST // 4 or not _is_noise(upper):
+        return 0.0
+    return float(upper.mean()) / float(np.sum(window ** 2))
+
+
 def _level(residual: np.ndarray, period: float, noise: ChannelNoise) -> float:
     """Return the power (1) of a residual over that of a noise, 1 where it may be no noise."""
     rows = residual.size

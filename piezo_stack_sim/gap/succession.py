@@ -18,6 +18,8 @@ import numpy as np
 from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
+from piezo_stack_sim.gap.given import without_noise
+from piezo_stack_sim.gap.monitor import without_offset
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.finding import Finding, found, NOTE
 from piezo_stack_sim.recording.recording import Recording, RecordingSet
@@ -44,17 +46,22 @@ def simulate_given(given: RecordingSet, device: Device
     Returns
     -------
     given : RecordingSet
-        With what was before each recording, and arbitrary displacements given a size.
+        With what was before each recording, inputs without the noise of what read them, the
+        voltage without an offset that only its reading has, and arbitrary displacements given a
+        size.
     simulated : list of dict
         Channel to (n,) array for each recording.
     findings : list of Finding
-        What was before which.
+        What was before which, and what was taken off an input or a voltage.
 
     """
-    simulated = simulate_set(device, given.recordings)
-    recordings, findings = in_succession(given.recordings, device, simulated)
-    if findings:
-        simulated = simulate_set(device, recordings)
+    recordings, findings = given.recordings, []
+    simulated = simulate_set(device, recordings)
+    for mended in (without_noise, in_succession, without_offset):
+        recordings, told = mended(recordings, device, simulated)
+        if told:
+            findings += told
+            simulated = simulate_set(device, recordings)
     return given.replace(recordings=sized(recordings, simulated)), simulated, findings
 
 

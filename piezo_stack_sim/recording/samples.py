@@ -285,7 +285,7 @@ def check_start(recording, command_range, statics=None):
         what = f'{channel} begins at {begins:.4g}, not at zero'
         if channel == 'voltage' or not (resting or led):
             if resting or recording.drive not in ('voltage', 'charge'):
-                mend = 'kept: an offset of the driver or of its monitor'
+                mend = 'an offset of the driver or of its monitor'
             else:
                 mend = ('kept: the device was not at rest, a model that begins relaxed is wrong '
                         'at first')
