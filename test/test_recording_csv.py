@@ -162,6 +162,9 @@ def test_brackets_behind_a_mapped_column_give_its_unit(tmp_path):
     (GOOD.replace('voltage_command', 'u'), ': no column "voltage_command" or "charge_command"'),
     (GOOD.replace('voltage_command', 'voltage_cmd'), ': no column "voltage_command" or '
      '"charge_command" (did you mean \'voltage_cmd\'?): map it (--map voltage_command=...)'),
+    (GOOD.replace('voltage_command', 'voltage'), ': no column "voltage_command" or '
+     '"charge_command": map it (--map voltage_command=...); '
+     '--map voltage_command=voltage plays the voltage that was measured'),
     (GOOD.replace('displacement', 'time'), ": columns 1 and 3 are both 'time'"),
     (GOOD.encode('utf-16'), ': not UTF-8'),
     (GOOD.replace('time', 'zeit\xe4').encode('latin-1'), ': row 1: not UTF-8'),

@@ -45,6 +45,8 @@ LEAKED = 1e-9  # m/V, that leaks into the reading to see what it does
 RELAYED = 1e-7  # C, that a relay lets in to see what it does
 AVERAGED = (('displacement',), ('voltage', 'charge', 'displacement'))
 FINE, PARTS = 8e-6, (8, 64)  # s, and into how many parts a row is cut of which the mean is taken
+TELLS = 100.0  # by which the squares of a recording are less that tells how late it is
+DIFFER = 0.5  # part of the largest delay by which those of recordings differ that started anyhow
 LATEST = 0.02  # s that a recording may start late or early
 STEPS = np.unique(np.round(np.concatenate([
     np.arange(-20.0, 21.0), -np.geomspace(20.0, 400.0, 30), np.geomspace(20.0, 400.0, 30)])))
@@ -189,12 +191,12 @@ def _each_late(device, evidence, outputs, most):
     # Each recording by what fits it best: nothing of the device differs between them.
     def one(track, answer):
         if 'displacement' not in track.measured:
-            return answer, 0.0
+            return 0.0, False
         time = _since(track)
 
         def left(late):
-            shifted = np.interp(time - late, time, answer['displacement'])
-            wrong = track.weighted('displacement', shifted)
+            wrong = track.weighted('displacement', np.interp(
+                time - late, time, answer['displacement']))
             return float(wrong @ wrong)
 
         grid = track.recording.period * STEPS
@@ -202,11 +204,15 @@ def _each_late(device, evidence, outputs, most):
         best = grid[int(np.argmin([left(late) for late in grid]))]
         late = float(minimize_scalar(left, bounds=(
             best - track.recording.period, best + track.recording.period), method='bounded').x)
-        return {**answer, 'displacement': np.interp(time - late, time,
-                                                    answer['displacement'])}, late
+        return late, left(0.0) - left(late) > TELLS
 
-    return [answer for answer, _ in parallel(lambda pair: one(*pair), zip(
-        evidence.tracks, outputs))]
+    found = parallel(lambda pair: one(*pair), zip(evidence.tracks, outputs))
+    told = [late for late, tells in found if tells]
+    if len(told) < 2 or max(told) - min(told) < DIFFER * max(map(abs, told)):
+        return outputs  # a delay, of the form of which another does not make as many
+    return [{**answer, 'displacement': np.interp(
+        _since(track) - late, _since(track), answer['displacement'])}
+            for track, answer, (late, _) in zip(evidence.tracks, outputs, found)]
 
 
 def _row_means(device, evidence, outputs, averaged):

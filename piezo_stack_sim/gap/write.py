@@ -45,9 +45,9 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
 
     """
     device = load_device(params)
-    folder = make_folder(out)  # before minutes of work that would have nowhere to go
     progress('reading the recordings')
     recordings = read_set(list(paths), mapping=mapping, units=units)
+    folder = make_folder(out)  # before minutes of work that would have nowhere to go
     progress('compiling the plant, once on a machine')
     compile_kernels()
     found = diagnose_set(recordings, device, progress)

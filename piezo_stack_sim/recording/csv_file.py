@@ -234,8 +234,11 @@ class _Columns:
         if 'time' in missing:
             self._lacks('time', unused)
         if not drive and all(name in missing for name in COMMANDS):
+            read = self.names[self.index['voltage']] if 'voltage' in self.index else ''
             self._lacks('voltage_command', unused, ' or "charge_command"',
-                        '; or say "# drive: open" (or shorted) above the header')
+                        (f'; --map voltage_command={read} plays the voltage that was measured'
+                         if read else '')
+                        + '; or say "# drive: open" (or shorted) above the header')
         for place, name in enumerate(self.names):
             hint = suggestion(name.lower(), missing) if place not in used and name else ''
             if hint:
