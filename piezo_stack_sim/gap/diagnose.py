@@ -24,9 +24,9 @@ from piezo_stack_sim.gap.doubt import doubted
 from piezo_stack_sim.gap.evidence import noisier, prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
+from piezo_stack_sim.gap.given import simulate_given
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.ranked import DEFAULTS, Thresholds
-from piezo_stack_sim.gap.succession import simulate_given
 from piezo_stack_sim.gap.terminals import look_at_terminals
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight

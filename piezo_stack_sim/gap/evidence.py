@@ -152,8 +152,7 @@ def quieter(evidence: Evidence, simulated) -> Evidence:
         replace(track,
                 sigma=track.sigma | _deviations(better, track.recording, track.factor, each),
                 zero=track.zero | _deviations(better, track.recording, 1, each),
-                louder={**track.louder, **dict.fromkeys(better, 1.0), **{
-                    channel: value for channel, value in each.items() if channel in better}})
+                louder={**track.louder, **{channel: each.get(channel, 1.0) for channel in better}})
         for track, each in zip(evidence.tracks, times)))
 
 

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import math
 
 import numpy as np
-from piezo_stack_sim.gap.noise import ChannelNoise
+from piezo_stack_sim.gap.noise import ChannelNoise, QUARTER
 from piezo_stack_sim.recording.recording import Recording
 
 FEWEST = 600  # rows below which no spectrum tells so much
@@ -29,7 +29,6 @@ KURTOSIS = 0.4  # by which the fourth moment may differ from 3, that of a normal
 SCATTER = 0.1  # part by which the quartile of the lines may differ from that of noise
 # Of a Hann window, and of third differences of white noise: rows are that many times fewer.
 _WINDOWED, _DIFFERENCED = 1.95, 2.94
-_QUARTER = -math.log(0.75)
 LAGS = 4  # rows within which one channel would answer another
 
 
@@ -98,7 +97,7 @@ def _is_noise(lines: np.ndarray) -> bool:
     level = float(lines.mean())
     bands = np.array([part.mean() for part in np.array_split(lines, PIECES)])
     chance = math.sqrt(_WINDOWED * PIECES / lines.size)
-    quartile = float(np.quantile(lines, 0.25)) / _QUARTER
+    quartile = float(np.quantile(lines, 0.25)) / QUARTER
     return (bool(np.all(np.abs(bands / level - 1.0) < UNLIKELY * chance))
             and abs(quartile / level - 1.0) < SCATTER)
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.noise import white_level
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.finding import Finding, found, REPAIRED
 from piezo_stack_sim.recording.recording import Recording
@@ -24,7 +25,6 @@ NOTHING_ELSE = 1.1  # times the noise that the voltage may be wrong beside its o
 COUNTS = 0.5  # times the noise of a row from which an offset counts
 ALIKE = 0.2  # part by which the offsets of recordings may differ
 FOLLOWS = 0.97  # part of their error that charge and displacement leave which follow an offset
-_DIFFERENCED = 20.0  # variance of the third difference of white noise of unit variance
 
 
 def without_offset(recordings: Sequence[Recording], device: Device,
@@ -49,7 +49,7 @@ def without_offset(recordings: Sequence[Recording], device: Device,
     if not read:
         return same
     wrong = [recordings[i].measured['voltage'] - simulated[i]['voltage'] for i in read]
-    noise = [float(np.sqrt(np.mean(np.diff(each, 3) ** 2) / _DIFFERENCED)) for each in wrong]
+    noise = [white_level(each) for each in wrong]
     offset = float(np.mean([each.mean() for each in wrong]))
     steady = all(
         each.std() < NOTHING_ELSE * level and abs(each.mean() - offset) < ALIKE * abs(offset)

@@ -25,7 +25,7 @@ from piezo_stack_sim.recording.recording import Recording
 # Variance of the third difference of white noise of unit variance.
 _THIRD_DIFFERENCE = 20.0
 _MAD = 0.67448975  # median |z| of a standard normal z
-_QUARTER = -math.log(0.75)  # lower quartile of a periodogram line over its mean
+QUARTER = -math.log(0.75)  # lower quartile of a periodogram line over its mean
 BANDS_PER_DECADE = 8
 LINES = 6  # lines of a periodogram below which a band says too little
 EDGE = 0.25  # part of the bands that may lie below the noise
@@ -117,9 +117,7 @@ def estimate_noise(recordings, simulated, coloured: float = COLOURED,
             residual = (measured - simulation[channel]) / times.get(channel, 1.0)
             if residual.size < FEWEST:
                 continue
-            third = np.diff(residual, 3)
-            floors.setdefault(channel, []).append(float(
-                np.median(np.abs(third)) / _MAD / math.sqrt(_THIRD_DIFFERENCE)))
+            floors.setdefault(channel, []).append(white_level(residual))
             bands = spectra.setdefault(channel, [])
             bands += _bands(residual, recording.period)
             for difference in _differences(residual, recording, lag):
@@ -132,6 +130,12 @@ def estimate_noise(recordings, simulated, coloured: float = COLOURED,
     return {channel: _fitted(np.array(bands).reshape(-1, 4), min(floors[channel]),
                              _least(recordings, channel), coloured)
             for channel, bands in spectra.items()}
+
+
+def white_level(series: np.ndarray) -> float:
+    """Return the standard deviation of what is white in a series (n,), by third differences."""
+    third = np.diff(series, 3)
+    return float(np.median(np.abs(third)) / _MAD / math.sqrt(_THIRD_DIFFERENCE))
 
 
 def repetition(command: np.ndarray, force: np.ndarray | None = None) -> int:
@@ -221,7 +225,7 @@ def _bands(series: np.ndarray, period: float) -> list[tuple[float, ...]]:
     out: list[tuple[float, ...]] = []
     for low, high in zip(np.append(first, edges), np.append(edges, f.size)):
         if high - low >= LINES:
-            level = float(np.quantile(power[low:high], 0.25)) / _QUARTER
+            level = float(np.quantile(power[low:high], 0.25)) / QUARTER
             out.append((float(np.exp(np.mean(np.log(f[low:high])))), level, period,
                         float(high - low)))
     return out

@@ -15,54 +15,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from piezo_stack_sim.gap.arbitrary import sized
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
-from piezo_stack_sim.gap.given import without_noise
-from piezo_stack_sim.gap.monitor import without_offset
+from piezo_stack_sim.gap.forward import simulate_channels
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.finding import Finding, found, NOTE
-from piezo_stack_sim.recording.recording import Recording, RecordingSet
+from piezo_stack_sim.recording.recording import Recording
 
 FOLLOWS = 0.25  # part of the error of a relaxed start that one which follows another may leave
 LEFT = 0.03  # part of the range that may be wrong then, rms: a unit differs from its file
 RELAXED = 0.7  # and part that the best other start of one that began relaxed must leave
 CLEARLY = 0.9  # part of the error that another way there may leave
 MOST = 8  # recordings of a set that are asked
-
-
-def simulate_given(given: RecordingSet, device: Device
-                   ) -> tuple[RecordingSet, list[dict[str, np.ndarray]], list[Finding]]:
-    """
-    Simulate a set as it was given, each recording after what was before it.
-
-    Parameters
-    ----------
-    given : RecordingSet
-        After preflight.
-    device : Device
-        The simulation.
-
-    Returns
-    -------
-    given : RecordingSet
-        With what was before each recording, inputs without the noise of what read them, the
-        voltage without an offset that only its reading has, and arbitrary displacements given a
-        size.
-    simulated : list of dict
-        Channel to (n,) array for each recording.
-    findings : list of Finding
-        What was before which, and what was taken off an input or a voltage.
-
-    """
-    recordings, findings = given.recordings, []
-    simulated = simulate_set(device, recordings)
-    for mended in (without_noise, in_succession, without_offset):
-        recordings, told = mended(recordings, device, simulated)
-        if told:
-            findings += told
-            simulated = simulate_set(device, recordings)
-    return given.replace(recordings=sized(recordings, simulated)), simulated, findings
 
 
 def in_succession(recordings: Sequence[Recording], device: Device,
