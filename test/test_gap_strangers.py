@@ -173,6 +173,7 @@ def test_what_the_recorder_did_is_no_cause(device, spoil, why):
         band=(5.0, 500.0), period=0.4, rate=5e3, peak=20.0).replace(name='slower')]
     answer = diagnose_set(a_set(device, spoil=spoil, given=given), device, traces=False).document
     assert answer['verdict'] == 'UNKNOWN' and answer['where']['block'] == 'sensor'
+    assert answer['where']['shares']['sensor'] > 0.9  # and what was cut is named like it
     assert why in answer['reason']
 
 

@@ -459,6 +459,16 @@ def test_a_command_that_shows_in_its_own_row_counts_from_the_row_before(recordin
                for name, values in recording.measured.items())
 
 
+def test_a_measured_voltage_that_is_played_is_no_measurement_of_the_driver():
+    recording = slow()
+    played = recording.replace(command=recording.measured['voltage'])
+    passed, findings = checked(played)
+    assert set(passed[0].measured) == set(recording.measured) - {'voltage'}
+    assert any('voltage is the command, row by row' in each for each in findings)
+    # What was read before a row's command took effect is what the row before commanded.
+    assert np.array_equal(passed[0].command[:-1], recording.measured['voltage'][1:])
+
+
 @pytest.mark.parametrize('channels', [('charge', 'displacement'), ('displacement',)])
 def test_jumps_tell_that_without_the_voltage(channels):
     recording = wobbling()

@@ -116,8 +116,11 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
             suspect = None  # a reading that the voltage leaks into does the same
         else:
             suspect = suspect or suspect_heat(course) or suspect_charge(fitter, cuts)
-    last = suspect.block if suspect else where.last_cut(
-        verdict.selected, singles[0].name, evidence.channels)
+    last = where.last_cut(verdict.selected, singles[0].name, evidence.channels)
+    if suspect:
+        last = suspect.block
+    elif verdict.block in where.BEHIND_CHARGE:
+        last = verdict.block
     fractions, blocks = where.shares(cuts, last, evidence.channels)
     records, channels = where.by_record(evidence, fitter.base)
     block = verdict.block or _block(verdict, fractions, singles)

@@ -335,8 +335,8 @@ STRANGERS = (
     Stranger(Suspect('sensor', 'each reading is wrong as if it were the mean over its row, not a '
                      'sample: let the recorder take samples, or read more often'), [_MOVED],
              lambda outputs: AVERAGED, _row_means),
-    Stranger(Suspect('sensor', 'the displacement is late by another time in every recording, as '
-                     'nothing of a device is: was it recorded by another clock than the command?'),
+    Stranger(Suspect('sensor', 'the displacement is late by another time in every recording: '
+                     'its clock is not that of the command'),
              [_MOVED], lambda outputs: (LATEST,), _each_late),
     Stranger(HEATED, [_BOTH, _DRIVEN], lambda outputs: HEAT, _heated, True),
 )

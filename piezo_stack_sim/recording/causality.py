@@ -14,8 +14,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from piezo_stack_sim.recording.finding import Finding, found, REPAIRED
+from piezo_stack_sim.recording.finding import Finding, found, NOTE, REPAIRED
 from piezo_stack_sim.recording.recording import Recording
+from piezo_stack_sim.recording.samples import without
 
 # Power that one order of cause and effect may leave of what the other leaves.
 _CLEAR = 0.5
@@ -91,6 +92,8 @@ def advance(recording: Recording, told: bool | None, others: Iterable[bool | Non
     """
     Let commands count from a row earlier where what is driven shows them in their own row.
 
+    What is driven is left out where it is the command itself.
+
     Parameters
     ----------
     recording : Recording
@@ -101,11 +104,18 @@ def advance(recording: Recording, told: bool | None, others: Iterable[bool | Non
         And of all recordings of the set: one that does not tell was logged as those that do.
 
     """
+    findings = []
+    if np.ptp(recording.command) and np.array_equal(
+            recording.measured.get(recording.drive, ()), recording.command):
+        # What was measured at the terminals is played: nothing is known of the driver.
+        findings = [found(recording, None, NOTE, f'{recording.drive} is the command, row by row',
+                          'it tells nothing of the driver and is not used as measured')]
+        recording = without(recording, recording.drive)
     alike = {each for each in others if each is not None}
     if not told and (told is False or alike != {True}):
-        return recording, []
+        return recording, findings
     where = 'in other recordings ' if told is None else ''
     why = f'{where}a command shows in its own row, before it takes effect'
     command = np.append(recording.command[1:], recording.command[-1])
-    return recording.replace(command=command), [found(
+    return recording.replace(command=command), [*findings, found(
         recording, None, REPAIRED, why, 'each command counts from the row before its own')]
