@@ -63,8 +63,8 @@ def node(namespace: str, params: Path):
 def play(namespace: str, profile: str, out: Path, *options: str) -> None:
     """Excite a device, as ``piezo_stack excite`` does, and record what it answers."""
     from piezo_stack_sim.commands.excite import command
-    command.main([profile, '--node', f'/{namespace}/stack', '--reset', '--patience', '60',
-                  '--out', str(out), *options], standalone_mode=False)
+    command.main([profile, '--node', f'/{namespace}/stack', '--reset',
+                  '--patience', f'{PATIENCE:g}', '--out', str(out), *options], standalone_mode=False)
 
 
 def powers(real: Path, simulated: Path, nominal: Device) -> dict[str, float]:
