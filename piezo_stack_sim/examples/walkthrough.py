@@ -64,7 +64,8 @@ def play(namespace: str, profile: str, out: Path, *options: str) -> None:
     """Excite a device, as ``piezo_stack excite`` does, and record what it answers."""
     from piezo_stack_sim.commands.excite import command
     command.main([profile, '--node', f'/{namespace}/stack', '--reset',
-                  '--patience', f'{PATIENCE:g}', '--out', str(out), *options], standalone_mode=False)
+                  '--patience', f'{PATIENCE:g}', '--out', str(out), *options],
+                 standalone_mode=False)
 
 
 def powers(real: Path, simulated: Path, nominal: Device) -> dict[str, float]:
