@@ -4,7 +4,8 @@
 Which tests run, and in which order.
 
 Files that take long come first, so that no core waits for another.  Tests marked ``slow``, whole
-diagnoses and long generated pages, run where they are asked for (``--slow``) or named.
+diagnoses, compilations and long generated pages, run where they are asked for (``--slow``) or
+named.
 """
 
 from pathlib import Path
@@ -12,9 +13,11 @@ import re
 
 import pytest
 
-LONG = ('test_laboratory', 'test_gap_strangers', 'test_walkthrough', 'test_documentation',
-        'test_gap', 'test_gap_terminals', 'test_soak', 'test_excite', 'test_gap_pairs',
-        'test_node_startup', 'test_challenge_forms', 'test_diagnose_many', 'test_identify')
+LONG = ('test_node_startup', 'test_excite', 'test_challenge_forms', 'test_walkthrough',
+        'test_soak', 'test_gap', 'test_challenge_batch', 'test_examples', 'test_gap_strangers',
+        'test_diagnose_many', 'test_documentation', 'test_gap_candidates', 'test_spread',
+        'test_figures', 'test_identify', 'test_node_bench', 'test_gap_terminals',
+        'test_gap_pairs', 'test_bench')
 
 
 def pytest_addoption(parser):
@@ -35,7 +38,7 @@ def _part(text):
 
 def pytest_configure(config):
     """Have xdist keep that order; it would begin with the files of most tests."""
-    config.addinivalue_line('markers', 'slow: a whole diagnosis of a minute or so; see --slow')
+    config.addinivalue_line('markers', 'slow: takes ten seconds to a minute; see --slow')
     if hasattr(config.option, 'loadscopereorder'):
         config.option.loadscopereorder = False
 

@@ -71,6 +71,12 @@ CASES = {
 }
 
 
+#: Both fits of these take ten seconds or more: every commit runs some of them.
+LENGTHY = {'friction', 'mechanical_resonance', 'amplifier_current_limit', 'creep',
+           'transducer_nonlinearity', 'transducer_ratio', 'mount_creep', 'asymmetric_hysteresis',
+           'rate_dependent_hysteresis', 'sensor_lag', 'added_mass'}
+
+
 def stacked(responses):
     """Return channels of several recordings as one vector: its norm squared adds mean squares."""
     return np.concatenate([channels[name] / FLOOR[name] / np.sqrt(channels[name].size)
@@ -154,7 +160,9 @@ def both_ways(key):
     return there, back
 
 
-@pytest.mark.parametrize('key', sorted(CASES))
+@pytest.mark.parametrize('key', [
+    pytest.param(key, marks=[] if key not in LENGTHY else [pytest.mark.slow])
+    for key in sorted(CASES)])
 def test_the_fitted_form_cannot_be_the_hidden_one(key):
     """Each fits the other at best to several times what good instruments can tell."""
     there, back = both_ways(key)

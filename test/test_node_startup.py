@@ -188,6 +188,7 @@ def test_two_nodes_of_the_same_name_keep_their_own_state_and_warn():
         assert first.end()[0] == second.end()[0] == 0
 
 
+@pytest.mark.slow
 def test_a_helper_compiles_what_the_kernel_then_finds(tmp_path):
     """From an empty cache: every part is compiled once, by the one process or by the other."""
     script = ('from piezo_stack_sim.plant.compilation import compile_kernels; compile_kernels()\n'
