@@ -8,7 +8,7 @@ from effect_probes import (
     device, fundamental, IDEAL, lags, mixed, only, rise_time, sine, triangle)
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.plant import Device, Plant, simulate
+from piezo_stack_sim.plant import Device, layout, Plant, simulate
 from piezo_stack_sim.plant.build import build_model
 import pytest
 from scipy.integrate import solve_ivp, trapezoid
@@ -229,6 +229,45 @@ def test_a_used_stack_rests_before_the_first_command(also):
     target = target.replace(load={'mass': 0.05, 'stiffness': 1e6, 'damping': 10.0})
     x = simulate(target, np.arange(200) * 1e-4, np.zeros(200)).displacement
     assert np.abs(x).max() < 1e-10
+
+
+@pytest.mark.parametrize('swings', [(60.0, 0.0, 0.0), (60.0, -10.0, 20.0), (-30.0, 12.0, 0.0)])
+@pytest.mark.parametrize('also', [None, 'parallel_stiffness'])
+def test_how_strained_the_elements_are_says_what_earlier_swings_did(swings, also):
+    time, voltage = triangle(1.0, 90.0, 2, 2000)
+    target = IDEAL if also is None else device(also)
+    swings = dict(zip(('peak_voltage', 'turn_voltage', 'return_voltage'), swings))
+    used = target.with_effects({'initial_polarisation': swings})
+    strains = Plant(used).strains
+    assert strains[0] == pytest.approx(-1.0) and np.abs(strains).max() <= 1.0 + 1e-12
+    known = target.with_effects({'initial_polarisation': {
+        'peak_voltage': 1.0, **{f'strain_{i + 1}': z for i, z in enumerate(strains.tolist())}}})
+    assert Plant(known).strains == pytest.approx(strains, abs=1e-12)
+    expected, found = simulate(used, time, voltage), simulate(known, time, voltage)
+    assert found.displacement == pytest.approx(expected.displacement, abs=1e-17)
+    assert found.charge == pytest.approx(expected.charge, abs=1e-17)
+
+
+def test_a_stack_with_strained_elements_rests_without_voltage():
+    # Eqs. 12 and 16 by hand: half of the break voltages of eight, held by the capacitors.
+    actuator = IDEAL.actuator
+    given = {'peak_voltage': 1.0, **{f'strain_{i}': 0.5 for i in range(1, 9)}}
+    plant = Plant(IDEAL.with_effects({'initial_polarisation': given}))
+    held = 0.5 * sum(actuator.maxwell_break_voltage[:8])
+    stiff = sum(actuator.maxwell_stiffness[8:])
+    free = actuator.linear_capacitance + actuator.transformer_ratio ** 2 / actuator.stiffness
+    assert plant.strains[:8] == pytest.approx(np.full(8, 0.5), abs=1e-12)
+    assert plant.state.memory[layout.M_CHARGE] == pytest.approx(
+        -held / (stiff + 1.0 / free), rel=1e-9)
+
+
+def test_neighbours_that_no_history_leaves_so_give_way():
+    given = {'peak_voltage': 1.0, 'strain_7': 1.0, 'strain_8': -1.0}
+    blocks = np.array(Plant(IDEAL.with_effects({'initial_polarisation': given})).state.blocks)
+    actuator = IDEAL.actuator
+    charges = np.array(actuator.maxwell_break_voltage) / np.array(actuator.maxwell_stiffness)
+    assert np.all(np.abs(np.diff(blocks)) <= np.diff(charges) * (1.0 + 1e-9))
+    assert blocks[7] - blocks[6] == pytest.approx(charges[7] - charges[6])
 
 
 def test_a_bowed_stack_takes_more_voltage_for_the_same_charge_by_what_the_numbers_say():

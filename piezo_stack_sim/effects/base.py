@@ -22,6 +22,7 @@ class Parameter:
     effect is; the others shape it and have a sensible default of their own.
     ``tries`` are values from which an optimiser should set out where those that
     follow from the rest would not do: where the effect is far from linear.
+    ``late`` marks what an optimiser leaves alone until the effect is believed: it mends the form.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Parameter:
     default: float | None = None
     runtime: bool = True
     tries: tuple[float, ...] = ()
+    late: bool = False
 
     @property
     def start(self) -> float:

@@ -5,7 +5,8 @@ A stack that was not relaxed when the recording began.
 
 It had been led slowly to a voltage, perhaps back and forth once more, and to zero (or
 to the voltage at which the recording begins), and the sensors were zeroed there: the
-blocks of Eq. 16 start where that left them.  The first cycle differs, later ones close on it.
+blocks of Eq. 16 start where that left them, or where they have crept back to in the meantime.
+The first cycle differs, later ones close on it.
 
 Look-alikes: ``creep`` and drifts (they go on after the first full cycle).
 Source: recomputed from Tables 1 and 2, 2.2 um remain after 90 V.
@@ -13,12 +14,15 @@ Source: recomputed from Tables 1 and 2, 2.2 um remain after 90 V.
 
 from piezo_stack_sim.effects.base import Effect, Parameter
 
+ELEMENTS = 10  # of Table 2
 
-def apply(model, peak_voltage, turn_voltage, return_voltage):
+
+def apply(model, peak_voltage, turn_voltage, return_voltage, **strains):
     """Start from the remanence of earlier voltages, at most those of the full range."""
     full = model.reference.voltage
     model.previous_voltages = tuple(max(-full, min(volt, full))
                                     for volt in (peak_voltage, turn_voltage, return_voltage))
+    model.strains = tuple(strains[f'strain_{i + 1}'] for i in range(ELEMENTS))
 
 
 EFFECT = Effect(
@@ -34,5 +38,10 @@ EFFECT = Effect(
         Parameter('return_voltage', 'V', 0.0, -200.0, 200.0, 0.0,
                   'voltage to which it returned after that before it came to zero',
                   runtime=False, tries=(0.0,)),
+        *(Parameter(f'strain_{i + 1}', '1', 0.0, -1.0, 1.0, 0.0,
+                    f'voltage of element {i + 1} at zero volts, as a part of its break voltage, if '
+                    'known: given one, those that are 0 never slipped, and no swing counts',
+                    magnitude=False, runtime=False, late=True)
+          for i in range(ELEMENTS)),
     ),
     apply, channels=('charge', 'displacement'), swings=True)

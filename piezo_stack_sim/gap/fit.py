@@ -34,6 +34,7 @@ TONE = next(name for name, effect in EFFECTS.items() if effect.each_time)
 STUCK = 1e-3  # part of its range from its bound at which a number of an effect counts as stuck
 REMEMBERED = 64e6  # bytes of residuals that are kept: fits set out from where others ended
 FEW = 4  # residuals in which a line was looked for that are remembered: each is asked again
+FINE = 0.05  # unit of the walk of what mends a form
 AT_BOUND = 0.97  # part of its bound from which a nominal parameter counts as stuck there
 ALIKE = 1e-10  # part of its square by which a derivative is kept from being just like another
 
@@ -68,8 +69,10 @@ class Free:
         Return the bound, 'lower' or 'upper', at which a value (SI) came to rest, if any.
 
         What may be absent and is, like one of several losses or the joint of a payload that is
-        held firmly, is not stuck.
+        held firmly, is not stuck, nor is an element that is about to slip.
         """
+        if self.parameter.late:
+            return None
         low, high = self.limits
         absent = self.parameter.neutral == self.parameter.lower
         if not absent and (value <= self.parameter.lower
@@ -81,16 +84,27 @@ class Free:
 
 
 def free_parameters(effect: str, start: dict[str, float]) -> list[Free]:
-    """Return what can be fitted of an effect: parameters with a finite place to start from."""
+    """
+    Return what can be fitted of an effect: parameters with a finite place to start from.
+
+    What mends its form is free once it is off its neutral value (:func:`woken`).  Of swings that
+    were made before this says all, and they stay.
+    """
     free = []
+    late = {p.name for p in EFFECTS[effect].parameters
+            if p.late and start.get(p.name, p.start) != p.neutral}
     for parameter in EFFECTS[effect].parameters:
+        if parameter.late != (parameter.name in late) or (
+                late and EFFECTS[effect].swings and not parameter.late):
+            continue
         value = start.get(parameter.name, parameter.start)
         if not math.isfinite(value) or parameter.lower == parameter.upper:
             continue
         if parameter.scale == 'log' and value <= 0.0:
             continue
         step = abs(parameter.typical) if math.isfinite(parameter.typical) else 1.0
-        free.append(Free(effect, parameter, step or 1.0))
+        # Where elements slip earlier or later no derivative leads far: short steps.
+        free.append(Free(effect, parameter, step or (FINE if parameter.late else 1.0)))
     return free
 
 

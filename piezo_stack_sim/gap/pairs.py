@@ -27,6 +27,7 @@ from piezo_stack_sim.gap.lens import Cells
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.second import are_alike_in_form
 from piezo_stack_sim.gap.swings import FALLEN, find_history
+from piezo_stack_sim.gap.woken import has_late, woken
 
 PARTNERS = 5  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows
@@ -59,6 +60,8 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     """
     progress(f'fitting pairs with {words(base)}')
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    if has_late(base):
+        search.fits[base] = woken(fitter, search.fits[base])
     fit = _settled(forms, search.fits[base])
     if pair is not None:
         other = _alone(forms, base, pair)
@@ -204,6 +207,26 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
     for base, fit in parallel(again, jobs):
         if fit.cost < search.fits[base].cost:
             search.fits[base] = fit
+
+
+def wake_leading(fitter: Fitter, search: Search, most: int) -> None:
+    """Free what mends the form of a first effect, in it alone and in the best pairs with it."""
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    for base in filter(has_late, sorted(search.asked)):
+        fit = woken(fitter, search.fits[base])
+        if fit is search.fits[base]:
+            continue
+        search.fits[base] = fit
+        fit = _settled(forms, fit)
+        if forms.better(fit, search.bases.get(base)):
+            search.bases[base] = fit
+        for name in leading_pairs(fitter, search, most):
+            if base in name.split('+'):
+                pair = search.fits[name]
+                pair = _settled(forms, woken(fitter, replace(
+                    pair, effects={**pair.effects, base: search.fits[base].effects[base]})))
+                if forms.better(pair, search.fits[name]):
+                    search.fits[name] = pair
 
 
 def leading_pairs(fitter: Fitter, search: Search, most: int) -> list[str]:

@@ -110,6 +110,8 @@ def cause_part(ranked: Ranked, fit: Fit, probability: float, judge: Judge, nomin
     for name in names:
         for parameter in EFFECTS[name].parameters:
             value = fit.effects[name][parameter.name]
+            if parameter.late and value == parameter.neutral:
+                continue  # only mends the form, and was not asked for that
             key = parameter.name if len(names) == 1 else f'{name}.{parameter.name}'
             parameters[key] = _parameter(parameter, value, fit, name, errors)
     return {'effect': ranked.name, 'block': '+'.join(blocks),

@@ -100,12 +100,18 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
 
     A relative fills in what the form of the first misses, but not to the noise where that is
     loud, nor to a hundredth where that is far from it, nor most of what is left where the first
-    hardly acts.  Unless it is known to be just what that form misses.
+    hardly acts.  Unless it is known to be just what that form misses.  What explains nearly all
+    that stood out of the noise, and leaves no more than that, needs fewer nats.
     """
     one, other = pair.name.split('+')
-    if not (t.second < pair.over < math.inf and t.formed < pair.form < math.inf
+    if not (t.second < pair.over < math.inf and t.excused < pair.form < math.inf
             and pair.wrong < t.misformed and are_relatives(best, pair, kin)
             and not are_alike_in_form(one, other)):
+        return False
+    if (pair.excess < min(t.heard, t.tenth * best.excess) and pair.part > t.nearly_all
+            and min(pair.second, 0.5 * pair.over) > t.second):
+        return True
+    if pair.form < t.formed:
         return False
     quiet = pair.excess < t.excess or (
         pair.excess < t.hushes * best.excess and pair.part > t.relative_part)
@@ -127,7 +133,8 @@ def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[
     return (pair.form > t.excused and second_explains(best, pair, t, kin)
             and _loses_little(best, pair, t) and (
                 pair.left <= t.still * first.left
-                or 1.0 - pair.removed <= t.stays * (1.0 - first.removed)))
+                or 1.0 - pair.removed <= t.stays * (1.0 - first.removed)
+                or first.excess > t.heard and pair.excess <= t.halves * first.excess))
 
 
 def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,

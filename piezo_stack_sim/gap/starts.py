@@ -149,7 +149,7 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
     """
     strong = [p for p in effect.parameters if _is_linear(p) and _strength(p)]
     shapes = [[(p.name, value) for value in _choices(p, extent)]
-              for p in effect.parameters if not _is_linear(p)]
+              for p in effect.parameters if not _is_linear(p) and not p.late]
     own = any(p.tries for p in effect.parameters)
     parts: tuple[float, ...] = STRENGTHS if len(strong) == 1 and (
         own or all(len(s) == 1 for s in shapes)) else (STRENGTH,)

@@ -74,6 +74,7 @@ class Model:
     smooth_voltage: tuple[float, float] = (0.0, 0.0)
     smooth_force: tuple[float, float] = (0.0, 0.0)
     previous_voltages: tuple[float, ...] = ()
+    strains: tuple[float, ...] = ()
     branch_difference: float = 0.0
     break_growth: float = 0.0
     break_growth_exponent: float = 1.0

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
+import math
 
 import numpy as np
 
@@ -150,6 +151,36 @@ class Lead:
                 return self.charge
             step *= 1.2
         raise InputError(UNSTABLE)
+
+    def set_out(self, strains: Sequence[float]) -> None:
+        """
+        Set out at rest without voltage from how strained the elements are, not from relaxed ones.
+
+        Parameters
+        ----------
+        strains : sequence of float, shape (m,)
+            Voltage of each element as a part of its break voltage, -1 to 1 (Eq. 16); 0 and what
+            is left out are elements that have not slipped.  Where no history leaves two neighbours
+            so, since their blocks are never further apart than their break charges differ, the
+            shorter one gives way.
+
+        """
+        system, p = self.system, self.p
+        r, k, v_break = system.r, system.k, system.v_break
+        z = np.zeros(r.size)
+        z[:len(strains)] = strains[:r.size]
+        z[~np.isfinite(r)] = 0.0
+        slipped = z != 0.0
+        sticking = k[~slipped]
+        q = (self.capacitance * (sticking @ p[~slipped] - self.offset - z @ v_break)
+             / (1.0 + self.capacitance * (sticking.sum() + self.elastance)))
+        p[slipped] = q - z[slipped] * r[slipped]
+        for i in range(r.size - 2, -1, -1):
+            if math.isfinite(r[i + 1]):
+                room = r[i + 1] - r[i]
+                p[i] = min(max(p[i], p[i + 1] - room), p[i + 1] + room)
+        self.charge = min(max(q, p[0] - r[0]), p[0] + r[0])
+        self.to(0.0)
 
     def states(self) -> np.ndarray:
         """Return where the states rest at the charge reached, shape (N,), with zero volts."""

@@ -147,6 +147,9 @@ class Plant:
         system = self._system
         lead = Lead(system, self._flags, self._p, force)
         if self.drive in ('voltage', 'shorted') or not force:
+            if any(self._model.strains):
+                lead.set_out(self._model.strains)
+                voltages = 0.0, *voltages[len(self._model.previous_voltages):]
             for voltage in (0.0, *voltages) if force else voltages:
                 lead.to(voltage)
         q = lead.charge
@@ -288,6 +291,14 @@ class Plant:
         self._commands = _resized(commands, self._command_lag + 1)
         last = readings[-1] if readings.size else self._evaluate()[1]
         self._readings = _resized(readings, self._reading_lag, last)
+
+    @property
+    def strains(self) -> np.ndarray:
+        """Return the voltage of each element as a part of its break voltage, (n,) (Eq. 16)."""
+        slipping = self._flags[layout.F_SLIP]
+        strains = (self._memory[layout.M_CHARGE] - self._p) / self._system.r
+        strains[:slipping] = self._flags[layout.F_DIR]
+        return strains
 
     @property
     def charge_out_of_range(self) -> bool:

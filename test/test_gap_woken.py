@@ -1,0 +1,60 @@
+# Copyright 2026 the piezo_stack_sim maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What mends the form of an effect is free once the effect is believed, and not before."""
+
+from fitters import fitter_of
+import numpy as np
+from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.candidates import search_singles
+from piezo_stack_sim.gap.fit import free_parameters
+from piezo_stack_sim.gap.woken import has_late, woken
+from piezo_stack_sim.plant import Device, Plant
+from piezo_stack_sim.recording import programmes
+import pytest
+
+
+@pytest.fixture
+def device():
+    """Return the stack of the paper."""
+    return Device.nominal()
+
+
+def faded(device, swings, part):
+    """Return how strained elements are that have lost unequal parts of what swings left them."""
+    names = 'peak_voltage', 'turn_voltage', 'return_voltage'
+    strains = Plant(device.with_effects({
+        'initial_polarisation': dict(zip(names, swings))})).strains
+    lost = np.random.default_rng(11).uniform(0.0, part, strains.size)
+    return {f'strain_{i + 1}': float(z) for i, z in enumerate((strains * (1.0 - lost))[:9])}
+
+
+@pytest.mark.parametrize('swings', [(18.6, 0.0, 0.0), (42.0, -9.0, 25.0)])
+def test_a_history_that_has_faded_is_found_to_the_noise(device, swings):
+    # Three swings are not enough for it: they leave many times the noise.
+    unit = device.with_effects({
+        'initial_polarisation': {'peak_voltage': 1.0, **faded(device, swings, 0.4)}})
+    fitter = fitter_of(device, unit, (programmes.triangle(), programmes.steps()),
+                       np.random.default_rng(8))
+    search = search_singles(fitter, lambda message: None, (
+        'initial_polarisation', 'asymmetric_hysteresis', 'stiffness_hardening'))
+    swung = search.fits['initial_polarisation']
+    assert not any(free.parameter.late for free in swung.free)
+    assert swung.cost > 3.0 * fitter.rows.size
+    assert woken(fitter, swung).cost < 1.1 * fitter.rows.size
+
+
+def test_what_three_swings_explain_stays_as_it_was(device):
+    unit = device.with_effects({'initial_polarisation': {'peak_voltage': 30.0}})
+    fitter = fitter_of(device, unit, (programmes.triangle(),), np.random.default_rng(3))
+    swung = fitter.fit({'initial_polarisation': {'peak_voltage': 30.0}})
+    assert woken(fitter, swung) is swung
+
+
+@pytest.mark.parametrize('name', [name for name in EFFECTS if has_late(name)])
+def test_late_numbers_are_walked_only_once_they_are_off_neutral(name):
+    typical = EFFECTS[name].typical()
+    late = [p for p in EFFECTS[name].parameters if p.late]
+    assert all(not p.magnitude and p.start == p.neutral for p in late)
+    assert not any(free.parameter.late for free in free_parameters(name, typical))
+    awake = free_parameters(name, {**typical, late[0].name: 0.5})
+    assert [free.parameter.name for free in awake if free.parameter.late] == [late[0].name]
