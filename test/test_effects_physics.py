@@ -241,7 +241,7 @@ def test_how_strained_the_elements_are_says_what_earlier_swings_did(swings, also
     strains = Plant(used).strains
     assert strains[0] == pytest.approx(-1.0) and np.abs(strains).max() <= 1.0 + 1e-12
     known = target.with_effects({'initial_polarisation': {
-        'peak_voltage': 1.0, **{f'strain_{i + 1}': z for i, z in enumerate(strains.tolist())}}})
+        f'strain_{i + 1}': z for i, z in enumerate(strains.tolist())}})
     assert Plant(known).strains == pytest.approx(strains, abs=1e-12)
     expected, found = simulate(used, time, voltage), simulate(known, time, voltage)
     assert found.displacement == pytest.approx(expected.displacement, abs=1e-17)
@@ -251,7 +251,7 @@ def test_how_strained_the_elements_are_says_what_earlier_swings_did(swings, also
 def test_a_stack_with_strained_elements_rests_without_voltage():
     # Eqs. 12 and 16 by hand: half of the break voltages of eight, held by the capacitors.
     actuator = IDEAL.actuator
-    given = {'peak_voltage': 1.0, **{f'strain_{i}': 0.5 for i in range(1, 9)}}
+    given = {f'strain_{i}': 0.5 for i in range(1, 9)}
     plant = Plant(IDEAL.with_effects({'initial_polarisation': given}))
     held = 0.5 * sum(actuator.maxwell_break_voltage[:8])
     stiff = sum(actuator.maxwell_stiffness[8:])
@@ -262,7 +262,7 @@ def test_a_stack_with_strained_elements_rests_without_voltage():
 
 
 def test_neighbours_that_no_history_leaves_so_give_way():
-    given = {'peak_voltage': 1.0, 'strain_7': 1.0, 'strain_8': -1.0}
+    given = {'strain_7': 1.0, 'strain_8': -1.0}
     blocks = np.array(Plant(IDEAL.with_effects({'initial_polarisation': given})).state.blocks)
     actuator = IDEAL.actuator
     charges = np.array(actuator.maxwell_break_voltage) / np.array(actuator.maxwell_stiffness)

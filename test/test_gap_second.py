@@ -236,6 +236,34 @@ def test_relatives_are_both_needed_where_neither_fills_in_for_the_other(numbers,
         assert 'removes 97 %' in verdict.reason and '99.95 %' in verdict.reason
 
 
+@pytest.mark.parametrize('numbers, word', [
+    ({}, 'MULTIPLE'),
+    ({'excess': 0.45}, 'CAUSE'),  # more than a tenth of what stood out is left
+    ({'part': 0.7}, 'CAUSE'),  # where it acts, the first would leave less
+    ({'second': 35.0}, 'CAUSE'),
+    ({'over': 75.0}, 'CAUSE'),
+    ({'form': 30.0}, 'CAUSE'),  # an error of the form of the first would do as well
+    ({'wrong': 0.4}, 'CAUSE')])
+def test_a_relative_that_leaves_the_noise_of_what_stood_out_needs_fewer_nats(numbers, word):
+    singles = [Ranked('parallel_stiffness', 720.0, 0.978, 1, 0.166, 3.7),
+               Ranked('leakage', 100.0, 0.6, 1, 0.7, 660.0)]
+    pair = replace(Ranked('initial_polarisation+parallel_stiffness', 730.0, 0.982, 4, 0.165, 0.23,
+                          second=87.0, part=0.82, over=156.0, form=135.0, wrong=0.02), **numbers)
+    kin = {frozenset(('initial_polarisation', 'parallel_stiffness'))}
+    assert decide(singles, [pair], 0.977, 2600.0, [], kin=kin).word == word
+
+
+@pytest.mark.parametrize('alone, together, word', [
+    (3.5, 0.6, 'MULTIPLE'), (3.5, 1.7, 'CAUSE'), (0.4, 0.1, 'CAUSE')])
+def test_a_second_effect_counts_that_quietens_the_loudest_recording(alone, together, word):
+    # Of the rest, noise that no effect takes away, the two leave as much as one.
+    singles = [Ranked('initial_polarisation', 250.0, 0.9695, 5, 0.38, alone),
+               Ranked('leakage', 23.0, 0.2, 1, 0.9, 670.0)]
+    pair = Ranked('initial_polarisation+thermal_drift', 275.0, 0.9757, 7, 0.354, together,
+                  second=92.0, part=0.36, over=124.0, form=240.0, wrong=0.34)
+    assert decide(singles, [pair], 0.84, 700.0, []).word == word
+
+
 def test_what_an_effect_says_its_form_leaves_out_is_no_second_of_its_kind():
     singles = [Ranked('transducer_ratio', 5000.0, 0.999, 1, 0.006, 9.0),
                Ranked('series_compliance', 4400.0, 0.97, 1, 0.03, 1000.0)]

@@ -31,8 +31,7 @@ def faded(device, swings, part):
 @pytest.mark.parametrize('swings', [(18.6, 0.0, 0.0), (42.0, -9.0, 25.0)])
 def test_a_history_that_has_faded_is_found_to_the_noise(device, swings):
     # Three swings are not enough for it: they leave many times the noise.
-    unit = device.with_effects({
-        'initial_polarisation': {'peak_voltage': 1.0, **faded(device, swings, 0.4)}})
+    unit = device.with_effects({'initial_polarisation': faded(device, swings, 0.4)})
     fitter = fitter_of(device, unit, (programmes.triangle(), programmes.steps()),
                        np.random.default_rng(8))
     search = search_singles(fitter, lambda message: None, (
@@ -54,7 +53,7 @@ def test_what_three_swings_explain_stays_as_it_was(device):
 def test_late_numbers_are_walked_only_once_they_are_off_neutral(name):
     typical = EFFECTS[name].typical()
     late = [p for p in EFFECTS[name].parameters if p.late]
-    assert all(not p.magnitude and p.start == p.neutral for p in late)
+    assert all(p.start == p.neutral for p in late)
     assert not any(free.parameter.late for free in free_parameters(name, typical))
     awake = free_parameters(name, {**typical, late[0].name: 0.5})
     assert [free.parameter.name for free in awake if free.parameter.late] == [late[0].name]

@@ -39,9 +39,9 @@ EFFECT = Effect(
                   'voltage to which it returned after that before it came to zero',
                   runtime=False, tries=(0.0,)),
         *(Parameter(f'strain_{i + 1}', '1', 0.0, -1.0, 1.0, 0.0,
-                    f'voltage of element {i + 1} at zero volts, as a part of its break voltage, if '
-                    'known: given one, those that are 0 never slipped, and no swing counts',
-                    magnitude=False, runtime=False, late=True)
+                    'voltage of the element of that number as a part of its break voltage, if '
+                    'known; then the voltages above do not count, and 0 is one that never slipped',
+                    runtime=False, late=True)
           for i in range(ELEMENTS)),
     ),
     apply, channels=('charge', 'displacement'), swings=True)

@@ -104,6 +104,12 @@ class Search:
         """Return the fit with the lowest cost."""
         return min(self.fits.values(), key=lambda fit: fit.cost)
 
+    @property
+    def leading(self) -> str:
+        """Return the effect that leaves least by itself."""
+        return min((name for name in self.fits if '+' not in name),
+                   key=lambda name: self.fits[name].cost, default='')
+
     def correction(self, name: str) -> Fit:
         """Return the fit of a hypothesis that corrects the device."""
         return self.corrected.get(name, self.fits[name])

@@ -60,7 +60,7 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     """
     progress(f'fitting pairs with {words(base)}')
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
-    if has_late(base):
+    if has_late(base) and base == search.leading:
         search.fits[base] = woken(fitter, search.fits[base])
     fit = _settled(forms, search.fits[base])
     if pair is not None:
@@ -210,23 +210,25 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
 
 
 def wake_leading(fitter: Fitter, search: Search, most: int) -> None:
-    """Free what mends the form of a first effect, in it alone and in the best pairs with it."""
+    """Free what mends the form of the leading effect, in it alone and in the best pairs with it."""
+    base = search.leading
+    if base not in search.asked or not has_late(base):
+        return
+    fit = woken(fitter, search.fits[base])
+    if fit is search.fits[base]:
+        return
+    search.fits[base] = fit
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
-    for base in filter(has_late, sorted(search.asked)):
-        fit = woken(fitter, search.fits[base])
-        if fit is search.fits[base]:
-            continue
-        search.fits[base] = fit
-        fit = _settled(forms, fit)
-        if forms.better(fit, search.bases.get(base)):
-            search.bases[base] = fit
-        for name in leading_pairs(fitter, search, most):
-            if base in name.split('+'):
-                pair = search.fits[name]
-                pair = _settled(forms, woken(fitter, replace(
-                    pair, effects={**pair.effects, base: search.fits[base].effects[base]})))
-                if forms.better(pair, search.fits[name]):
-                    search.fits[name] = pair
+    fit = _settled(forms, fit)
+    if forms.better(fit, search.bases.get(base)):
+        search.bases[base] = fit
+    for name in leading_pairs(fitter, search, most):
+        if base in name.split('+'):
+            pair = search.fits[name]
+            pair = _settled(forms, woken(fitter, replace(
+                pair, effects={**pair.effects, base: search.fits[base].effects[base]})))
+            if forms.better(pair, search.fits[name]):
+                search.fits[name] = pair
 
 
 def leading_pairs(fitter: Fitter, search: Search, most: int) -> list[str]:

@@ -108,10 +108,11 @@ def cause_part(ranked: Ranked, fit: Fit, probability: float, judge: Judge, nomin
     errors = standard_errors(fitter, fit) if probability > 0.01 and fit.free else None
     parameters = {}
     for name in names:
+        awake = any(free.parameter.late for free in fit.free if free.effect == name)
         for parameter in EFFECTS[name].parameters:
             value = fit.effects[name][parameter.name]
-            if parameter.late and value == parameter.neutral:
-                continue  # only mends the form, and was not asked for that
+            if (parameter.late or awake) and value == parameter.neutral:
+                continue  # what only mends the form and was not asked for that, or counts no more
             key = parameter.name if len(names) == 1 else f'{name}.{parameter.name}'
             parameters[key] = _parameter(parameter, value, fit, name, errors)
     return {'effect': ranked.name, 'block': '+'.join(blocks),

@@ -147,7 +147,7 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
     What shapes an effect is tried in combination; what makes it strong is
     switched on weakly, for a linear look from there tells the rest.
     """
-    strong = [p for p in effect.parameters if _is_linear(p) and _strength(p)]
+    strong = [p for p in effect.parameters if _is_linear(p) and _strength(p) and not p.late]
     shapes = [[(p.name, value) for value in _choices(p, extent)]
               for p in effect.parameters if not _is_linear(p) and not p.late]
     own = any(p.tries for p in effect.parameters)

@@ -99,7 +99,8 @@ def _places(fitter: Fitter, fit: Fit) -> list[dict[str, dict[str, float]]]:
         found = values[swings[0]]
         others = [{**values, **dict(zip(swings, (found * np.array(parts)).tolist()))}
                   for parts in OTHERS]
-        places = [{**fit.effects, name: {**swung, **_as_left(
+        # The strains say all: the swings would only be in the way of who reads them.
+        places = [{**fit.effects, name: {**values, **dict.fromkeys(swings, 0.0), **_as_left(
             fitter, fit, {**fit.effects, name: swung}, name)}} for swung in (values, *others)]
     return places
 

@@ -121,7 +121,7 @@ class Plant:
         self._out_of_range = False
         self._zero = np.zeros(N_ZEROS)
         past = (*model.previous_voltages, *self.before)
-        if led or any(past):
+        if led or any(past) or any(model.strains):
             self._polarise((*past, source), force)
         self._commands = np.full(self._command_lag + 1, source or self._idle_command())
         self._readings = np.zeros(self._reading_lag)

@@ -6,10 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import inspect
+from itertools import groupby
 import math
 import sys
 
-from piezo_stack_sim.effects.base import Effect
+from piezo_stack_sim.effects.base import Effect, Parameter
 
 BY = 'piezo_stack effects --all --out doc/effects'
 
@@ -28,19 +29,34 @@ def number(value: float) -> str:
 
 
 def rows(effect: Effect) -> Iterable[tuple[str, ...]]:
-    """Yield a row for each parameter: name, unit, neutral, bounds, typical, run time, meaning."""
-    for parameter in effect.parameters:
-        start = (f'{number(parameter.neutral)}' if parameter.magnitude
-                 else f'default {number(parameter.start)}')
-        yield (parameter.name, parameter.unit, start,
-               f'{number(parameter.lower)} … {number(parameter.upper)}',
-               number(parameter.typical), 'yes' if parameter.runtime else 'read-only',
-               parameter.description)
+    """
+    Yield a row for each parameter: name, unit, neutral, bounds, typical, run time, meaning.
+
+    Those that differ by a number in their name alone share one.
+    """
+    for (_, *rest), alike in groupby(map(_row, effect.parameters), key=_unnumbered):
+        names = [name for name, *_ in alike]
+        yield (names[0] if len(names) == 1 else f'{names[0]} … {names[-1]}', *rest)
+
+
+def _row(parameter: Parameter) -> tuple[str, ...]:
+    start = (f'{number(parameter.neutral)}' if parameter.magnitude
+             else f'default {number(parameter.start)}')
+    return (parameter.name, parameter.unit, start,
+            f'{number(parameter.lower)} … {number(parameter.upper)}',
+            number(parameter.typical), 'yes' if parameter.runtime else 'read-only',
+            parameter.description)
+
+
+def _unnumbered(row: tuple[str, ...]) -> tuple[str, ...]:
+    return (row[0].rstrip('0123456789'), *row[1:])
 
 
 def setting(effect: Effect) -> str:
     """Return the typical effect as it stands in a parameter file."""
-    inside = ', '.join(f'{name}: {_yaml(value)}' for name, value in effect.typical().items())
+    late = {parameter.name for parameter in effect.parameters if parameter.late}
+    inside = ', '.join(f'{name}: {_yaml(value)}' for name, value in effect.typical().items()
+                       if name not in late)
     return f'effects:\n  {effect.id}: {{{inside}}}'
 
 
