@@ -253,6 +253,23 @@ def test_a_relative_that_leaves_the_noise_of_what_stood_out_needs_fewer_nats(num
     assert decide(singles, [pair], 0.977, 2600.0, [], kin=kin).word == word
 
 
+@pytest.mark.parametrize('numbers, word', [
+    ({}, 'MULTIPLE'),
+    ({'removed': 0.995}, 'CAUSE'),  # more than a twentieth of the gap that one leaves
+    ({'part': 0.35}, 'CAUSE'),
+    ({'form': 900.0}, 'CAUSE'),  # errors of form might do as well
+    ({'over': 450.0}, 'CAUSE'),
+    ({'wrong': 0.4}, 'CAUSE')])
+def test_a_relative_that_leaves_a_twentieth_of_the_gap_need_not_reach_the_noise(numbers, word):
+    singles = [Ranked('initial_polarisation', 124.0, 0.919, 8, 0.074, 895.0),
+               Ranked('leakage', 80.0, 0.6, 1, 0.24, 9400.0)]
+    pair = replace(Ranked('initial_polarisation+stiffness_hardening', 193.0, 0.9988, 10, 0.001,
+                          27.0, second=583.0, part=0.48, over=658.0, form=2044.0, wrong=0.02),
+                   **numbers)
+    kin = {frozenset(('initial_polarisation', 'stiffness_hardening'))}
+    assert decide(singles, [pair], 0.84, 5e4, [], kin=kin).word == word
+
+
 @pytest.mark.parametrize('alone, together, word', [
     (3.5, 0.6, 'MULTIPLE'), (3.5, 1.7, 'CAUSE'), (0.4, 0.1, 'CAUSE')])
 def test_a_second_effect_counts_that_quietens_the_loudest_recording(alone, together, word):

@@ -210,7 +210,7 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
 
 
 def wake_leading(fitter: Fitter, search: Search, most: int) -> None:
-    """Free what mends the form of the leading effect, in it alone and in the best pairs with it."""
+    """Free what mends the form of the leading effect, alone and in the best pairs with it."""
     base = search.leading
     if base not in search.asked or not has_late(base):
         return
@@ -225,8 +225,9 @@ def wake_leading(fitter: Fitter, search: Search, most: int) -> None:
     for name in leading_pairs(fitter, search, most):
         if base in name.split('+'):
             pair = search.fits[name]
-            pair = _settled(forms, woken(fitter, replace(
-                pair, effects={**pair.effects, base: search.fits[base].effects[base]})))
+            pair = fitter.fit({**pair.effects, base: search.fits[base].effects[base]}, pair.phi,
+                              PLAIN_STEPS)
+            pair = _settled(forms, woken(fitter, pair))
             if forms.better(pair, search.fits[name]):
                 search.fits[name] = pair
 

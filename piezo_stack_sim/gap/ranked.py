@@ -55,6 +55,8 @@ class Thresholds:
     relative_clear_part: float = 0.65  # and the part of what is left there
     nearly_all: float = 0.75  # or else the part that it explains to the noise
     tenth: float = 0.1  # where it leaves this part of the loudest excess
+    twentieth: float = 0.05  # or else part of what one leaves of the gap that two may leave
+    far: float = 4.0  # times the nats of ``formed`` that errors of form must then excuse less
     hushes: float = 0.01  # part of the loudest excess that it may leave, if not the noise
     halves: float = 0.45  # part of what one leaves that is less than half, however that is judged
     heard: float = 0.5  # excess over the noise power from which a recording is loud at all

@@ -101,7 +101,8 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     A relative fills in what the form of the first misses, but not to the noise where that is
     loud, nor to a hundredth where that is far from it, nor most of what is left where the first
     hardly acts.  Unless it is known to be just what that form misses.  What explains nearly all
-    that stood out of the noise, and leaves no more than that, needs fewer nats.
+    that stood out of the noise, and leaves no more than that, needs fewer nats; what leaves a
+    twentieth of the gap, and is far more than an error of form, need not reach the noise.
     """
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.excused < pair.form < math.inf
@@ -113,6 +114,9 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
         return True
     if pair.form < t.formed:
         return False
+    if (1.0 - pair.removed < t.twentieth * (1.0 - best.removed) and pair.part > t.quiet_part
+            and pair.form > t.far * t.formed and pair.over > t.far * t.formed / 2.0):
+        return True
     quiet = pair.excess < t.excess or (
         pair.excess < t.hushes * best.excess and pair.part > t.relative_part)
     silences = (best.excess > t.heard and quiet
