@@ -13,11 +13,9 @@ import re
 
 import pytest
 
-LONG = ('test_laboratory', 'test_node_startup', 'test_excite', 'test_challenge_forms',
-        'test_walkthrough', 'test_soak', 'test_gap', 'test_challenge_batch', 'test_examples',
-        'test_gap_strangers', 'test_diagnose_many', 'test_documentation',
-        'test_gap_candidates', 'test_spread', 'test_figures', 'test_identify',
-        'test_node_bench', 'test_gap_terminals', 'test_gap_pairs', 'test_bench')
+LONG = ('test_laboratory', 'test_gap_strangers', 'test_walkthrough', 'test_documentation',
+        'test_gap', 'test_gap_terminals', 'test_soak', 'test_excite', 'test_gap_pairs',
+        'test_node_startup', 'test_challenge_forms', 'test_diagnose_many', 'test_identify')
 
 
 def pytest_addoption(parser):
