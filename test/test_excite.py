@@ -213,6 +213,8 @@ def test_ticks_that_somebody_else_commands_are_noticed(tmp_path):
 # -- a device by wall time -----------------------------------------------------------------
 
 
+# Not beside other tests: on a machine that is busy its stamps come late, or out of order.
+@pytest.mark.slow
 def test_by_wall_time_rows_carry_stamps_and_the_commands_that_act_from_them(wall_device, tmp_path):
     assert excite('triangle', '--peaks', '60', '--frequency', '0.5', '--cycles', '1', '--reset',
                   '--node', wall_device, '--out', tmp_path) == 0
