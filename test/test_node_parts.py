@@ -15,12 +15,12 @@ import pytest
 pytest.importorskip('rclpy')
 
 from builtin_interfaces.msg import Time  # noqa: E402, I100
-from piezo_stack_sim.node import realtime  # noqa: E402
+from piezo_stack_sim.node import realtime, schedule as schedules  # noqa: E402
 from piezo_stack_sim.node.commands import CommandIntake, News, Tally, Watchdog  # noqa: E402
 from piezo_stack_sim.node.interrupts import attach, interruptible  # noqa: E402
 from piezo_stack_sim.node.messages import ClockTopic, FloatTopic, StateTopic  # noqa: E402
 from piezo_stack_sim.node.parameters import descriptor, flat  # noqa: E402
-from piezo_stack_sim.node.schedule import NEVER, Schedule, SECOND  # noqa: E402
+from piezo_stack_sim.node.schedule import day_ahead, NEVER, Schedule, SECOND  # noqa: E402
 from piezo_stack_sim.node.simulation_clock import SimulationClock  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from rclpy.signals import uninstall_signal_handlers  # noqa: E402
@@ -61,6 +61,29 @@ def test_deadlines_do_not_drift(rate):
         schedule.advance(schedule.deadline)
     assert schedule.deadline - origin == pytest.approx(20_001 * SECOND / rate, abs=1)
     assert (schedule.late, schedule.tardy, schedule.worst) == (0, 0, 0)
+
+
+class BusyClocks:
+    """Both clocks of a machine on which who reads them is put aside at some readings."""
+
+    def __init__(self, aside):
+        self.now, self.aside, self.read = 5_000_000_000, aside, 0
+
+    def monotonic_ns(self):
+        self.now += 100 + self.aside.get(self.read, 0)
+        self.read += 1
+        return self.now
+
+    def time_ns(self):
+        return self.monotonic_ns() + 1_700_000_000_000_000_000
+
+
+@pytest.mark.parametrize('aside', [{}, {0: 8_000_000}, {1: 8_000_000}, {2: 8_000_000},
+                                   {1: 8_000_000, 5: 30_000_000}])
+def test_two_clocks_are_read_at_once_on_a_busy_machine_too(monkeypatch, aside):
+    # Else a stamp of a tick would come before that of the tick before.
+    monkeypatch.setattr(schedules, 'time', BusyClocks(aside))
+    assert day_ahead() == pytest.approx(1_700_000_000_000_000_000, abs=200, rel=0.0)
 
 
 def test_late_ticks_are_all_found_and_counted():

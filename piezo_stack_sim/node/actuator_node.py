@@ -13,7 +13,7 @@ from piezo_stack_sim.node.commands import CommandIntake, News, Watchdog
 from piezo_stack_sim.node.diagnostics import Findings
 from piezo_stack_sim.node.messages import ClockTopic, FloatTopic, StateTopic
 from piezo_stack_sim.node.parameters import DeviceParameters
-from piezo_stack_sim.node.schedule import Schedule, SECOND
+from piezo_stack_sim.node.schedule import day_ahead, Schedule, SECOND
 from piezo_stack_sim.node.simulation_clock import SimulationClock
 from piezo_stack_sim.plant import Plant, Sample
 from piezo_stack_sim.plant.compilation import compile_needed, is_bare, is_compiled
@@ -168,7 +168,7 @@ class ActuatorNode(Node):
         if self._ros_clock.ros_time_is_active:  # use_sim_time, and somebody's /clock
             return self._ros_clock.now().nanoseconds
         # The deadline by the clock of the day: ticks that come late keep even stamps.
-        return time.time_ns() - (time.monotonic_ns() - deadline)
+        return deadline + day_ahead()
 
     def _step(self) -> None:
         """Advance one period with the newest inputs, publish, then tick ``/clock``."""

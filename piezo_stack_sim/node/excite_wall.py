@@ -12,6 +12,7 @@ import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.node.excite_link import Heard, Link
 from piezo_stack_sim.node.excite_lockstep import Sink
+from piezo_stack_sim.node.schedule import day_ahead, SECOND
 
 BLOCK = 100  # rows handed on at once
 _SAME_CLOCK = 0.05  # s; stamps this close to the clock of the day here are taken from it
@@ -72,7 +73,7 @@ class WallPlayer:
         self._period = float(np.sum(steps) / max(np.sum(np.rint(steps / usual)), 1.0))
         # The message that came fastest tells best how far the two clocks are apart.
         self._offset = float(min(tick.arrived - tick.stamp for tick in ticks))
-        here = time.monotonic() - (time.time() - link.epoch)
+        here = (link.epoch * SECOND - day_ahead()) / SECOND
         if 0.0 <= self._offset - here < _SAME_CLOCK:
             self._offset = here  # the clock of this host; the rest was the message's way
         # Stamps jitter; a command need not come with a tick, so that a round rate will do.
