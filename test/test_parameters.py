@@ -158,6 +158,17 @@ def test_an_error_names_the_line(changed, tmp_path):
     assert message.startswith(f'{tmp_path / "device.yaml"}:{line}: ')
 
 
+def test_a_strain_of_an_element_that_there_is_not_is_named():
+    few = Device.nominal().to_mapping()
+    for name in ('maxwell_stiffness', 'maxwell_break_voltage'):
+        few['actuator'][name] = few['actuator'][name][-3:]
+    few['effects'] = {'initial_polarisation': {'strain_3': 0.1, 'strain_9': 0.0}}
+    assert device_from_mapping(few).effects
+    few['effects'] = {'initial_polarisation': {'strain_3': 0.1, 'strain_9': 0.5}}
+    with pytest.raises(InputError, match=r'strain_9 = 0.5: expected 0, for there are 3 elements'):
+        device_from_mapping(few)
+
+
 @pytest.mark.parametrize('name', [n for n, spec in parameter_specs().items() if spec.required])
 def test_a_missing_key_is_named(name):
     mapping = Device.nominal().to_mapping()

@@ -30,7 +30,6 @@ from piezo_stack_sim.gap.verdict import contenders, Cut, decide, tie_pairs, Verd
 
 PAIRS_SHOWN = 5  # pairs that are looked at in detail
 LEADING = 3  # pairs that are asked what each of the two does alone, if they lose less than one
-WOKEN = 1  # pairs in which what mends the form of the first is free
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
 CLEARLY = 0.01  # part of the gap by which that must remove more
 
@@ -226,7 +225,7 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
         exchange(fitter, search, progress, names)
     if search.bases:
         polish_pairs(fitter, search)
-        wake_leading(fitter, search, WOKEN)
+        wake_leading(fitter, search)
     # What leaves hardly anything, or least, is asked what each of the two does alone.
     least = leading_pairs(fitter, search, LEADING)
     for name in [name for name in search.fits if '+' in name]:

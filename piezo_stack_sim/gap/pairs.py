@@ -209,8 +209,8 @@ def polish_pairs(fitter: Fitter, search: Search) -> None:
             search.fits[base] = fit
 
 
-def wake_leading(fitter: Fitter, search: Search, most: int) -> None:
-    """Free what mends the form of the leading effect, alone and in the best pairs with it."""
+def wake_leading(fitter: Fitter, search: Search) -> None:
+    """Free what mends the form of the leading effect, alone and in the best pair if in it."""
     base = search.leading
     if base not in search.asked or not has_late(base):
         return
@@ -222,7 +222,7 @@ def wake_leading(fitter: Fitter, search: Search, most: int) -> None:
     fit = _settled(forms, fit)
     if forms.better(fit, search.bases.get(base)):
         search.bases[base] = fit
-    for name in leading_pairs(fitter, search, most):
+    for name in leading_pairs(fitter, search, 1):
         if base in name.split('+'):
             pair = search.fits[name]
             pair = fitter.fit({**pair.effects, base: search.fits[base].effects[base]}, pair.phi,

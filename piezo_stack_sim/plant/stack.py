@@ -149,7 +149,7 @@ class Plant:
         if self.drive in ('voltage', 'shorted') or not force:
             if any(self._model.strains):
                 lead.set_out(self._model.strains)
-                voltages = 0.0, *voltages[len(self._model.previous_voltages):]
+                voltages = voltages[len(self._model.previous_voltages):]
             for voltage in (0.0, *voltages) if force else voltages:
                 lead.to(voltage)
         q = lead.charge

@@ -75,6 +75,7 @@ def device_from_mapping(mapping, source='parameters', lines=None):
             effects.setdefault(effect, {})[parameter] = value
     device = _build(values, effects)
     _check_elements(device.actuator, report)
+    _check_strains(device, report)
     trouble = implausible(device.actuator)
     if trouble:
         report.fail(*trouble)
@@ -219,6 +220,16 @@ def _check_elements(actuator, report):
     if not low < high:
         report.fail('actuator.voltage_range', actuator.voltage_range,
                     'expected the lowest voltage first', f'write [{high:g}, {low:g}]')
+
+
+def _check_strains(device, report):
+    """Check that no element is said to be strained that there is not."""
+    elements = len(device.actuator.maxwell_stiffness)
+    for name, value in device.effects.get('initial_polarisation', {}).items():
+        number = name.removeprefix('strain_')
+        if value and number.isdigit() and int(number) > elements:
+            report.fail(f'effects.initial_polarisation.{name}', value,
+                        f'expected 0, for there are {elements} elements', 'remove it')
 
 
 def _build(values, effects):
