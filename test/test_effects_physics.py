@@ -8,10 +8,12 @@ from effect_probes import (
     device, fundamental, IDEAL, lags, mixed, only, rise_time, sine, triangle)
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.plant import Device, layout, Plant, simulate
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import Device, layout, Plant, PlantState, simulate
 from piezo_stack_sim.plant.build import build_model
 import pytest
 from scipy.integrate import solve_ivp, trapezoid
+from scipy.signal import lfilter
 
 SOURCE = {'output_resistance': 50.0}  # ohm, keeps a step from ringing past its end
 DECADES = np.concatenate([[0.0], np.logspace(-2, 2, 41)])
@@ -430,6 +432,87 @@ def test_a_joint_that_closes_is_read_as_late_as_the_rest(irregular):
     assert np.abs(late - seen()).max() > 1e-7
 
 
+def _through_a_lag(time, values, constant):
+    """Return values behind a first-order lag, by a thousand times as many rows."""
+    fine = np.linspace(time[0], time[-1], 400 * time.size)
+    follows = math.exp(-(fine[1] - fine[0]) / constant)
+    seen = lfilter([1.0 - follows], [1.0, -follows], np.interp(fine, time, values))
+    return np.interp(time, fine, seen)
+
+
+@pytest.mark.parametrize('irregular', [False, True])
+@pytest.mark.parametrize('what, given, force, plain', [
+    ('transducer_nonlinearity', {'curvature': 0.1}, 0.0, 6e-9),
+    ('series_compliance', {'compliance': 1e-8}, -100.0, 6e-9),
+    ('series_compliance', {'compliance': 1e-8, 'stiffening': 0.02}, -100.0, 6e-9)])
+def test_a_slow_sensor_sees_late_whatever_moves_it(what, given, force, plain, irregular):
+    """What follows charge or force at once is shown to the sensor, too; to 0.1 % of the way."""
+    time = np.arange(2001) * 1e-4
+    if irregular:  # rows in which the command stands: where it moves it would stand for longer
+        time = np.delete(time, [1300, 1301, 1702])
+    rise = np.clip(time / 0.1, 0.0, 1.0)
+    command, push = (0.0 * rise, force * rise) if force else (60.0 * rise, 0.0 * rise)
+
+    def seen(**effects):
+        return simulate(device(what, **given).with_effects(effects), time, command, push,
+                        'voltage').displacement
+
+    at_once = seen()
+    slow = seen(sensor_lag={'time_constant': 0.01})
+    assert np.abs(at_once - slow).max() > 2e-7
+    assert np.abs(slow - _through_a_lag(time, at_once, 0.01)).max() < plain
+    for delay in (0.02, 0.02003):
+        late = seen(sensor_delay={'delay': delay})
+        assert np.abs(late[time < delay]).max() < 1e-12  # nothing before its time
+        # A ramp in steps swings by some nanometres between rows.
+        assert np.abs(late - np.interp(time - delay, time, at_once)).max() < plain
+
+
+def test_what_a_slow_sensor_is_shown_goes_on_in_calls_of_any_size():
+    target = device('transducer_nonlinearity', curvature=0.1).with_effects(
+        {'sensor_lag': {'time_constant': 0.01}, 'sensor_delay': {'delay': 1.23e-3}})
+    command = 60.0 * np.clip(np.arange(2000) / 1000.0, 0.0, 1.0)
+    whole = Plant(target, 1e-4).run(command).displacement
+    plant = Plant(target, 1e-4)
+    parts = [plant.run(command[:7]).displacement, plant.run(command[7:700]).displacement]
+    state = PlantState.from_dict(plant.state.to_dict())
+    other = Plant(target, 1e-4)
+    other.restore(state)
+    assert np.array_equal(np.concatenate([*parts, other.run(command[700:]).displacement]), whole)
+    with pytest.raises(InputError, match='shown besides'):
+        bare = device('sensor_lag', time_constant=0.01).with_effects(
+            {'sensor_delay': {'delay': 1.23e-3}})
+        Plant(bare, 1e-4).restore(state)
+
+
+def test_a_sensor_that_gets_later_shows_what_it_showed_until_then():
+    slow, slower = (device('sensor_delay', delay=delay) for delay in (5e-3, 1e-2))
+    plant = Plant(slow, 1e-3, 'voltage', noise=False)
+    before = plant.run(np.arange(40.0)).displacement
+    plant.set_device(slower)
+    after = plant.run(np.arange(40.0, 60.0)).displacement
+    steps = np.diff(np.concatenate([before[-1:], after]))
+    assert np.all(steps > -1e-10)  # the device only grows longer
+    assert np.all(np.abs(after[:5] - after[0]) < 1e-10)  # it stands still for 5 ms
+
+
+def test_a_second_harmonic_hums_by_itself():
+    def moved(**values):
+        return np.ptp(simulate(device('periodic_disturbance', **values), np.arange(400) * 1e-4,
+                               np.zeros(400)).displacement)
+
+    assert moved(displacement=0.0, harmonic=1e-8) == pytest.approx(2e-8, rel=1e-3)
+
+
+def test_unequal_branches_do_not_slip_beyond_the_table():
+    printed = Device.nominal().with_effects({'asymmetric_hysteresis': {'branch': 0.05}})
+    plant = Plant(printed, 1e-3, 'voltage')
+    plant.run(np.linspace(0.0, 20.0, 50))
+    assert not plant.charge_out_of_range
+    plant.run(np.linspace(20.0, 140.0, 500))
+    assert plant.charge_out_of_range
+
+
 def test_a_preload_spring_takes_its_share_of_the_stroke():
     loss = 1.0 - stroke(device('parallel_stiffness')) / stroke(IDEAL)
     assert 0.08 < loss < 0.12  # 5 N/um: 9 % with 49 N/um, 12 % with 37 N/um
@@ -574,7 +657,7 @@ def test_linearity_errors_of_a_sensor_vanish_at_both_ends():
     full = build_model(IDEAL).reference.stroke
     model = build_model(only('sensor_nonlinearity', quadratic=0.01, cubic=0.02))
     position = full * np.array([0.0, 0.5, 1.0 / math.sqrt(3.0), 1.0])
-    error = (model.reading_maps[0](position, 0.0, 0.0) - position) / full
+    error = (model.reading_maps[0](position, 0.0) - position) / full
     assert error[[0, 3]] == pytest.approx([0.0, 0.0], abs=1e-15)
     assert error[2] > error[1] > 0.01
 

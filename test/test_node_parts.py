@@ -217,6 +217,16 @@ def test_a_state_that_leaves_the_finite_numbers_is_taken_back():
         assert node.last_sample == good
         assert node.intake.command is None
         assert node._findings().values['recovered_states'] == 1
+        # The state of a second ago is no good either: it is left, and a new command is heard.
+        node._active = (30.0, 0.0)
+        node.intake.take_command('voltage', 20.0)
+        node._advance(1)
+        assert node.intake.command == 20.0
+        assert node.last_sample.displacement == 0.0
+        del node.plant.advance
+        for _ in range(10):
+            node._step()
+        assert node.last_sample.voltage == pytest.approx(20.0)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -65,6 +65,8 @@ def test_what_is_wrong_ends_with_status_2_and_one_line(tmp_path):
     (['--actuator', 'left'], 'NAMESPACE=FILE'),
     (['--no-such-option'], 'unrecognized'),
     (['--actuator', f'a={NOMINAL}', '--actuator', f'/a/={NOMINAL}'], 'different namespaces'),
+    (['--actuator', f'a={NOMINAL}', '--actuator', f'b={NOMINAL}', '--ros-args', '-r',
+      '__ns:=/lab'], '__ns:=/lab: expected none.*--actuator lab/a='),
 ])
 def test_wrong_arguments_are_told_too(arguments, words):
     with pytest.raises(InputError, match=words):

@@ -158,6 +158,14 @@ def test_an_error_names_the_line(changed, tmp_path):
     assert message.startswith(f'{tmp_path / "device.yaml"}:{line}: ')
 
 
+@pytest.mark.parametrize('rails', [{'lower': 50.0, 'upper': 20.0}, {'lower': 20.0, 'upper': 20.0}])
+def test_rails_that_leave_no_room_are_named(rails):
+    given = Device.nominal().to_mapping()
+    given['effects'] = {'amplifier_saturation': rails}
+    with pytest.raises(InputError, match='amplifier_saturation.lower.*expected less than upper'):
+        device_from_mapping(given)
+
+
 def test_a_strain_of_an_element_that_there_is_not_is_named():
     few = Device.nominal().to_mapping()
     for name in ('maxwell_stiffness', 'maxwell_break_voltage'):

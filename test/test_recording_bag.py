@@ -126,6 +126,28 @@ def test_rest_before_the_first_command_is_kept_short(tmp_path):
     assert any('499 rows before' in str(each) for each in recording.findings)
 
 
+def _held_at(level, moving=0.0):
+    """Return 500 messages of a device that is held at a voltage, then 50 ticks of it led on."""
+    held = [(k * PERIOD, '/stage/voltage', number(level + moving * k)) for k in range(500)]
+    return held + [(at + 500 * PERIOD, topic, number(level + 1 + number_of))
+                   for number_of, at, topic in (
+                       (k // 2, (k // 2) * PERIOD + (k % 2) * 1000,
+                        ('/stage/voltage_command', '/stage/voltage')[k % 2])
+                       for k in range(100))]
+
+
+def test_what_was_held_before_the_first_command_is_taken_from_the_measured_voltage(tmp_path):
+    recording = read_bag(bag(tmp_path / 'run', _held_at(40.0)))
+    assert recording.command[:90].tolist() == [40.0] * 90
+    assert any('command of 40, as was measured' in str(each) for each in recording.findings)
+
+
+def test_rows_before_the_first_command_in_which_the_device_moves_are_left_out(tmp_path):
+    recording = read_bag(bag(tmp_path / 'run', _held_at(40.0, moving=0.1)))
+    assert len(recording) <= 51
+    assert any('nobody knows by which command' in str(each) for each in recording.findings)
+
+
 def unstamped(path, lost=(), jitter=0.1, count=1000):
     """Write a bag of plain numbers with late arrivals; `lost` voltages never arrive."""
     random = np.random.default_rng(0)

@@ -238,6 +238,17 @@ def test_duplicated_rows_are_dropped_and_named():
     assert same(passed, recording)
 
 
+def test_times_of_too_few_digits_are_no_duplicates_where_the_device_rests():
+    command = np.r_[np.zeros(400), triangle(3000, 60.0)]
+    recording = answered(command, rate=4e3)
+    coarse = recording.replace(time=np.round(recording.time, 3), measured={
+        name: np.round(values / 2e-8) * 2e-8 for name, values in recording.measured.items()
+        if name == 'displacement'})
+    passed, findings = checked(coarse)
+    assert len(passed[0]) == 3400 and not any('twice' in each for each in findings)
+    assert passed[0].duration == pytest.approx(recording.duration, rel=1e-3)
+
+
 def test_swapped_rows_are_sorted_when_that_makes_the_times_regular():
     recording = slow()
     rows = np.arange(3000)
@@ -413,6 +424,26 @@ def test_numbers_that_stand_for_no_answer_count_as_missing():
     assert 'row 102: displacement is missing in 3 of 3000 rows' in findings[1]
     assert np.allclose(passed[0].measured['displacement'],
                        recording.measured['displacement'], atol=5e-8)
+
+
+def test_a_short_pulse_in_a_long_rest_is_an_answer_and_no_spike():
+    command = np.zeros(20000)
+    command[9000:9150] = 60.0
+    recording = answered(command, rate=1e3)
+    passed, findings = checked(recording)
+    assert not findings
+    assert same(passed[0], recording)
+    voltage = recording.measured['voltage'].copy()
+    voltage[3000] = -9999.0
+    _, findings = checked(with_channel(recording, 'voltage', voltage))
+    assert 'row 3002: voltage has impossible values in 1 rows, here -9999' in findings[0]
+
+
+def test_an_empty_force_is_none():
+    recording = slow()
+    passed, finding = mended(recording.replace(external_force=np.full(3000, np.nan)))
+    assert 'external_force is empty throughout' in finding
+    assert same(passed, recording)
 
 
 def test_a_dead_channel_is_left_out():

@@ -7,6 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from piezo_stack_sim.errors import InputError
+
 BLOCKS = ('drive', 'electrical', 'transducer', 'mechanical', 'environment', 'sensor')
 
 
@@ -83,7 +85,19 @@ class Effect:
     answer: Callable | None = None
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Return every parameter: the given ones, defaults for the rest."""
+        """
+        Return every parameter: the given ones, defaults for the rest.
+
+        Raises
+        ------
+        InputError
+            If a name is none of its parameters.
+
+        """
+        unknown = given.keys() - {parameter.name for parameter in self.parameters}
+        if unknown:
+            raise InputError(f'effects.{self.id}.{min(unknown)}: expected one of '
+                             f'{", ".join(parameter.name for parameter in self.parameters)}')
         return {parameter.name: float(given.get(parameter.name, parameter.start))
                 for parameter in self.parameters}
 

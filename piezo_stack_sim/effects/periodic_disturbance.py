@@ -24,7 +24,7 @@ def apply(model, displacement, force, frequency, phase, harmonic, harmonic_phase
     """Add the line to the reading, and to the force as a swinging pair of states."""
     omega = 2.0 * math.pi * frequency
     if displacement != 0.0 or harmonic != 0.0:
-        model.map_reading(lambda reading, time, charge: (
+        model.map_reading(lambda reading, time: (
             reading + displacement * np.sin(omega * time + phase)
             + harmonic * np.sin(2.0 * omega * time + harmonic_phase)))
     if force != 0.0:
@@ -38,7 +38,7 @@ EFFECT = Effect(
     'periodic_disturbance', 'environment',
     'Hum or vibration shakes the reading, or the stack, at one frequency.',
     (
-        Parameter('displacement', 'm', 0.0, 0.0, 1e-5, 2e-8, 'amplitude seen by the sensor'),
+        Parameter('displacement', 'm', 0.0, 0.0, 1e-5, 2e-8, 'amplitude as it is read'),
         Parameter('force', 'N', 0.0, 0.0, 1e3, 0.0, 'amplitude of the force on the moving end',
                   runtime=False),
         Parameter('frequency', 'Hz', 50.0, 0.01, 1e4, 50.0, 'frequency of the line', scale='log',
@@ -46,8 +46,7 @@ EFFECT = Effect(
         Parameter('phase', 'rad', 0.0, -math.pi, math.pi, 0.0, 'phase at the start',
                   magnitude=False, default=0.0, runtime=False),
         Parameter('harmonic', 'm', 0.0, 0.0, 1e-5, 0.0,
-                  'amplitude of the second harmonic seen by the sensor', magnitude=False,
-                  runtime=False),
+                  'amplitude of the second harmonic as it is read', runtime=False),
         Parameter('harmonic_phase', 'rad', 0.0, -math.pi, math.pi, 0.0,
                   'phase of the second harmonic at the start', magnitude=False, default=0.0,
                   runtime=False),

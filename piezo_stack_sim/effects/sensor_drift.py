@@ -16,7 +16,7 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 
 def apply(model, rate):
     """Let the zero of the reading run away."""
-    model.map_reading(lambda reading, time, charge: reading + rate * time)
+    model.map_reading(lambda reading, time: reading + rate * time)
 
 
 EFFECT = Effect(

@@ -16,7 +16,7 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 
 def apply(model, gain_error):
     """Scale the reading."""
-    model.map_reading(lambda reading, time, charge: (1.0 + gain_error) * reading)
+    model.map_reading(lambda reading, time: (1.0 + gain_error) * reading)
 
 
 EFFECT = Effect(

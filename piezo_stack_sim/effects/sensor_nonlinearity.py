@@ -24,7 +24,7 @@ def apply(model, quadratic, cubic):
     """Bow the reading over the position."""
     full = model.reference.stroke
 
-    def bow(reading, time, charge):
+    def bow(reading, time):
         s = reading / full
         return reading + full * s * (4.0 * quadratic * (1.0 - s) + WAVE * cubic * (1.0 - s * s))
 

@@ -20,7 +20,7 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 def apply(model, amplitude, time_constant):
     """Let the reading approach an offset."""
     model.map_reading(
-        lambda reading, time, charge: reading - amplitude * np.expm1(-time / time_constant))
+        lambda reading, time: reading - amplitude * np.expm1(-time / time_constant))
 
 
 EFFECT = Effect(

@@ -3,7 +3,7 @@
 """
 Displacement is not quite proportional to charge (electrostriction).
 
-    x_read = x + curvature * 4 s (s_b - s) x_full,     s = q/q_full
+    x = T v_t / k + curvature * 4 s (s_b - s) x_full,     s = q/q_full
 
 The term vanishes at s = 0 and at s_b = ``balanced_at``, the charge whose chord
 has the slope of the straight line.  With s_b = 1 ``curvature`` is the departure
@@ -21,11 +21,11 @@ def apply(model, curvature, balanced_at):
     """Bow the displacement over the charge."""
     full, scale = model.reference.charge, 4.0 * curvature * model.reference.stroke
 
-    def bow(reading, time, charge):
+    def bow(charge):
         s = charge / full
-        return reading + scale * s * (balanced_at - s)
+        return scale * s * (balanced_at - s)
 
-    model.map_reading(bow)
+    model.map_charge(bow)
 
 
 EFFECT = Effect(

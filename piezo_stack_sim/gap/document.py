@@ -83,11 +83,14 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         'selected': list(verdict.selected),
         'ambiguity_set': list(verdict.tie),
         'shrinkage': shrinkage_part(evidence, fitter.base, chosen.residual, flexible,
-                                    blackbox.placebo_corrections(evidence, fitter.base)),
+                                    blackbox.placebo_corrections(evidence, fitter.base),
+                                    [search.correction(ranked.name).residual
+                                     for ranked in (*decision.singles, *decision.pairs)]),
         'remaining': {'gap': gap_part(evidence, after),
                       'structured': judge.structure(chosen.residual) > thresholds.excess},
         'next_experiment': None,
-        'warnings': _warnings(chosen, verdict, decision.singles, thresholds),
+        'warnings': _warnings(chosen, verdict, decision.singles, thresholds,
+                              fitter.nuisance.scale_free),
         'baselines': _baselines(decision.singles, search, fitter, judge),
         'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
                 'steps': _steps(evidence, search, decision)},
@@ -176,9 +179,12 @@ def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
     }
 
 
-def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thresholds
-              ) -> list[str]:
+def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thresholds,
+              scale_free: bool) -> list[str]:
     notes = []
+    if scale_free and 'sensor_gain' not in verdict.selected:
+        notes.append('sensor_gain in corrected.yaml is the scale of a displacement in units of '
+                     'its own, and no cause')
     second = outscored(verdict, singles, thresholds)
     if second is not None:
         notes.append(f'perhaps a second cause: {words(second)} predicts more rows, but removes '

@@ -141,11 +141,16 @@ def _parameter(parameter, value, fit: Fit, effect: str, errors) -> dict:
             'upper': _finite(parameter.upper), 'typical': _finite(parameter.typical)}
 
 
-def shrinkage_part(evidence: Evidence, base, after, flexible, placebos) -> dict:
-    """Return S of every channel on the withheld rows, with placebo and ceiling."""
+def shrinkage_part(evidence: Evidence, base, after, flexible, placebos, others=()) -> dict:
+    """
+    Return S of every channel on the withheld rows, with placebo and ceiling.
+
+    No effect of the library, ``others`` being what each leaves, explains more than the ceiling.
+    """
     noise = noise_power(evidence)
-    old, new, best = (channel_power(evidence, residual, centred=True)
-                      for residual in (base, after, flexible))
+    old, new = (channel_power(evidence, residual, centred=True) for residual in (base, after))
+    least = [channel_power(evidence, residual, centred=True)
+             for residual in (flexible, after, *others)]
     false = {channel: float(np.median([channel_power(evidence, placebo, centred=True)[channel]
                                        for placebo in placebos])) for channel in noise}
     result: dict = {'placebo': {}, 'ceiling': {}}
@@ -161,8 +166,7 @@ def shrinkage_part(evidence: Evidence, base, after, flexible, placebos) -> dict:
             entry['ci'] = _interval(evidence, base, after, channel, level, entry['S'])
         result[channel] = entry
         result['placebo'][channel] = 1.0 - (false[channel] - level) / gap if real else None
-        # What an effect explains could be explained: the ceiling is no lower.
-        lowest = min(best[channel], new[channel])
+        lowest = min(power[channel] for power in least)
         result['ceiling'][channel] = 1.0 - (lowest - level) / gap if real else None
     result['withheld'] = [f'every second of {STRETCHES} stretches of {t.recording.name}'
                           for t in evidence.tracks]

@@ -26,7 +26,8 @@ from piezo_stack_sim.plant import Device
 
 BEHIND_CHARGE = ('transducer', 'mechanical', 'environment', 'sensor')
 BANDS = (0.0, 1.0, 10.0, 100.0, 1000.0, math.inf)
-CUTS = {name: name for name in ('drive', 'electrical', 'behind')}  # and how they are named
+# Cuts, and how they are named: a charge drive ends at the charge.
+CUTS = {'drive': 'drive', 'charged': 'drive', 'electrical': 'electrical', 'behind': 'behind'}
 LOUD = 1.15  # rms over noise from which a block counts as wrong
 CLEARLY = 2.0  # and from which nobody doubts it
 
@@ -50,9 +51,10 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
     Returns
     -------
     list of dict
-        ``drive``, ``electrical`` and ``behind`` where the channels allow, each a
-        pair of the residual (m, averaged rows) and the rms of its noise (m); beside
-        them ``through``, the displacement against the voltage, charge passed over.
+        ``drive`` (or ``charged``, of a charge drive), ``electrical`` and ``behind`` where the
+        channels allow, each a pair of the residual (m, averaged rows) and the rms of its
+        noise (m); beside them ``through``, the displacement against the voltage, charge passed
+        over.
 
     """
     gain = gain_per_charge(device)
@@ -74,7 +76,8 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
         if has('charge'):
             wrong = track.unbiased('charge', track.measured['charge']
                                    - track.average(answer['charge']))
-            out['electrical' if recording.drive == 'voltage' else 'drive'] = (
+            # With the leads open or shorted there is no drive that could be wrong.
+            out['charged' if recording.drive == 'charge' else 'electrical'] = (
                 wrong * gain, track.sigma['charge'] * gain)
         if has('displacement'):
             wrong = recording.measured['displacement'] - answer['displacement']
@@ -133,9 +136,10 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
     ``last`` is the block that the last cut is named after, ``channels`` are the
     measured ones.
     """
-    begins = {'drive': 'command', 'electrical': 'voltage', 'behind': next(
+    begins = {'drive': 'command', 'charged': 'command', 'electrical': 'voltage', 'behind': next(
         (port for port in ('charge', 'voltage') if port in channels), 'command')}
-    ends = {'drive': 'voltage', 'electrical': 'charge', 'behind': 'displacement'}
+    ends = {'drive': 'voltage', 'charged': 'charge', 'electrical': 'charge',
+            'behind': 'displacement'}
     named = {**CUTS, 'behind': last or 'mechanical'}
     ports: dict[str, tuple[str, str]] = {}
     power: dict[str, float] = {}

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from piezo_stack_sim.atomic import make_folder
 from piezo_stack_sim.gap.diagnose import diagnose_set
 from piezo_stack_sim.gap.report import write_report
+from piezo_stack_sim.gap.schema import validate
 from piezo_stack_sim.gap.storage import write_diagnosis
 from piezo_stack_sim.plant import load_device, save_device
 from piezo_stack_sim.plant.compilation import compile_kernels
@@ -59,6 +60,7 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     diagnosis['files'] = files
     diagnosis['inputs'] = {**inputs_of(paths, params, mapping, units),
                            'actuator': device.actuator.model}
+    validate(diagnosis, files['diagnosis'])  # before anything that is there is written over
     on = ', '.join(diagnosis['selected']) or 'no effect'
     save_device(corrected, files['corrected'],
                 f'{device.actuator.model} as diagnosed from {recordings.name}: '

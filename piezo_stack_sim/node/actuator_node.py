@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import time
 from typing import cast
 
@@ -99,6 +100,7 @@ class ActuatorNode(Node):
         self._stamp = 0  # ns, of the newest tick
         self._rate = device.rate
         self._active: tuple[float | None, float] = (None, 0.0)
+        self._failed_at: int | None = None
         self._known_failures = self._known_late = self._known_namesakes = 0
         self._ros_clock = cast(ROSClock, self.get_clock())
         self._news = News(self.intake.tally, self.get_logger().warning)
@@ -210,12 +212,29 @@ class ActuatorNode(Node):
             response.force)))
 
     def _recover(self, error: InputError) -> Sample:
-        """Go back to the last state known to be good, without inputs; say so."""
+        """
+        Go back to the last state known to be good, without inputs; say so.
+
+        Where that runs away as well, as under an effect that is new since: to the initial state.
+        """
+        again = self._failed_at is not None and self._ticks - self._failed_at < self._rate
         self._failures += 1
-        self.plant.restore(self._last_good)
-        self.intake.clear()
+        self._failed_at = self._ticks
+        now = self.plant.time  # hum and drift go on
+        if again:
+            self.plant.reset()
+            self._last_good = self.plant.state
+        self.plant.restore(replace(self._last_good, time=now))
+        if self._active == (self.intake.command, self.intake.force):
+            self.intake.clear()  # what came since acts from the next tick
         self._active = (None, 0.0)
-        self.get_logger().error(f'{error}; back to the state of a second ago, inputs cleared')
+        log = self.get_logger()
+        if again:
+            log.error(f'{error}; back to the initial state, inputs cleared',
+                      throttle_duration_sec=1.0)
+        else:
+            log.error(f'{error}; back to the state of a second ago, inputs cleared',
+                      throttle_duration_sec=1.0)
         return self.plant.sample()
 
     def _publish(self, sample: Sample, stamp: int) -> None:
@@ -266,9 +285,10 @@ class ActuatorNode(Node):
         self.intake.clear()
         self.watchdog.clear()
         self._active = (None, 0.0)
-        self._ticks = 0
+        self._ticks, self._failed_at = 0, None
         self.last_sample = self.plant.sample()
         if self.lockstep:
+            self._stamp = 0
             self._clock_group.set_time(self.get_fully_qualified_name(), 0)
         response.success = True
         response.message = 'time 0 s, initial state'

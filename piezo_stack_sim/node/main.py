@@ -107,7 +107,13 @@ def _build(options: argparse.Namespace, ros_arguments: list[str]):
     files = _given(ros_arguments, '--params-file')
     single = _given(ros_arguments, '-p', '--param')
     nodes = []
-    for namespace, file in _actuators(options.actuator) or [('', '')]:
+    actuators = _actuators(options.actuator) or [('', '')]
+    shared = [rule for rule in _given(ros_arguments, '-r', '--remap') if rule.startswith('__ns:=')]
+    if len(actuators) > 1 and shared:
+        space = shared[-1].removeprefix('__ns:=').strip('/')
+        raise InputError(f'-r {shared[-1]}: expected none beside several --actuator, which would '
+                         f'share it; write --actuator {space}/{actuators[0][0].strip("/")}=...')
+    for namespace, file in actuators:
         own = None
         if file:  # arguments of one node go before those of all, which -p is meant to overrule
             own = ['--ros-args', '--params-file', file,

@@ -80,8 +80,9 @@ class Model:
     break_growth_exponent: float = 1.0
     fast_rates: list[float] = field(default_factory=list)
     slow_rates: list[float] = field(default_factory=list)
-    reading_rates: list[float] = field(default_factory=list)
+    reading_lags: dict[str, float] = field(default_factory=dict)
     command_maps: list[Callable] = field(default_factory=list)
+    charge_maps: list[Callable] = field(default_factory=list)
     reading_maps: list[Callable] = field(default_factory=list)
     states: list[str] = field(default_factory=list)
     initial: dict[str, float] = field(default_factory=dict)
@@ -92,7 +93,6 @@ class Model:
     charge_reading_terms: dict[str, float] = field(default_factory=dict)
     charge_loss_terms: dict[str, float] = field(default_factory=dict)
     reading_terms: dict[str, float] = field(default_factory=lambda: {'displacement': 1.0})
-    reading_state: str | None = None
     source_state: str | None = None
     load_mass: float = 0.0
     load_damping: float = 0.0
@@ -141,13 +141,8 @@ class Model:
 
     def read_through(self, name: str, rate_constant: float) -> None:
         """Put a first-order lag of ``rate_constant`` (1/s) behind the reading, unless instant."""
-        if rate_constant * INSTANT > 1.0:
-            return
-        terms = {source: gain * rate_constant for source, gain in self.reading_terms.items()}
-        terms[name] = terms.get(name, 0.0) - rate_constant
-        self.add_state(name, terms)
-        self.reading_terms = {name: 1.0}
-        self.reading_rates.append(rate_constant)
+        if rate_constant * INSTANT <= 1.0:
+            self.reading_lags[name] = rate_constant
 
     def drive_through(self, name: str, rate_constant: float) -> None:
         """Put a first-order lag with ``rate_constant`` (1/s) between command and terminals."""
@@ -165,14 +160,23 @@ class Model:
         """
         Pass the displacement through a memoryless function.
 
-        It is called as ``function(reading, time, charge)`` with arrays of equal
-        shape (m, s since reset, C on the stack) and returns the new reading (m).
+        It is called as ``function(reading, time)`` with arrays of equal shape (m, s since
+        reset) and returns the new reading (m).
         """
         self.reading_maps.append(function)
 
+    def map_charge(self, function: Callable) -> None:
+        """
+        Add a displacement to what the sensor is shown that follows the charge at once.
+
+        It is called as ``function(charge)`` with an array (C on the stack, none in the relaxed
+        one) and returns displacements (m) of equal shape.
+        """
+        self.charge_maps.append(function)
+
     def map_joint(self, function: Callable) -> None:
         """
-        Add a displacement to what is read that follows from the force through the joint at once.
+        Add a displacement to what the sensor is shown that follows the force through the joint.
 
         It is called as ``function(force)`` with an array (N, pulling on the stack) and returns
         displacements (m) of equal shape.
@@ -224,6 +228,15 @@ def attach_load(model: Model) -> None:
     model.add_reading(outer)
 
 
+def attach_lags(model: Model) -> None:
+    """Put the lags of the sensor behind all that it is shown, the load's joint included."""
+    for name, rate_constant in model.reading_lags.items():
+        terms = {source: gain * rate_constant for source, gain in model.reading_terms.items()}
+        terms[name] = -rate_constant
+        model.add_state(name, terms)
+        model.reading_terms = {name: 1.0}
+
+
 @dataclass(frozen=True)
 class System:
     """The arrays of one device in one drive mode, as the kernel takes them."""
@@ -255,6 +268,7 @@ def assemble(model: Model) -> System:
 
     """
     attach_load(model)
+    attach_lags(model)
     voltage_driven = model.drive in ('voltage', 'shorted')
     resistance = model.output_resistance + model.internal_resistance
     limited = math.isfinite(model.current_limit)
@@ -374,7 +388,7 @@ def assemble(model: Model) -> System:
         quickest = max(quickest, elastance / resistance)
         # The quicker the charge follows, the more its rate shows of what a port strays.
         real[layout.R_TOL] *= min(1.0, max(0.02, resistance / elastance / 1e-7))
-    rate_max = max([omega_max, model.b / model.m, quickest, *model.reading_rates])
+    rate_max = max([omega_max, model.b / model.m, quickest, *model.reading_lags.values()])
     real[layout.R_QUICKEST] = quickest
     real[layout.R_RATE_MAX] = rate_max
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from piezo_stack_sim.errors import InputError
@@ -63,6 +63,7 @@ class PlantState:
     zero: list[float]
     out_of_range: bool
     noise: dict | None = None
+    shown: list[float] = field(default_factory=list)
 
     def to_dict(self) -> dict:
         """Return the state as plain lists, numbers and names."""

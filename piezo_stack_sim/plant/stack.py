@@ -10,7 +10,7 @@ same numbers to the bit, however they are cut into calls.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
 
 import numpy as np
@@ -23,6 +23,7 @@ from piezo_stack_sim.plant.parameters import Device
 from piezo_stack_sim.plant.rest import Lead, rest
 from piezo_stack_sim.plant.samples import PlantState, Response, Sample
 from piezo_stack_sim.plant.sensors import disturb, disturbs
+from piezo_stack_sim.plant.shown import Shown
 from piezo_stack_sim.plant.tables import Tables, TICK
 
 SETTLING = 5e-3  # s, after which a device that was led somewhere rests: a hundred times m/b
@@ -79,6 +80,10 @@ class Plant:
         h = self.period
         self._command_lag, command_phase = _split_delay(model.command_delay, h)
         self._reading_lag, reading_phase = _split_delay(model.sensor_delay, h)
+        self._reading_phase = reading_phase
+        self._shown = Shown([*(self._by_charge(f) for f in model.charge_maps),
+                             *(_by_force(f) for f in model.joint_maps)],
+                            model.reading_lags.values())
         cuts = {command_phase, h - reading_phase, h} - {0.0}
         ends = sorted(cuts)
         starts = [0.0, *ends[:-1]]
@@ -91,7 +96,7 @@ class Plant:
         self._tables = Tables(self._system, durations)
         # Nothing but the kernel stands between a command and its sample: `_step` will do.
         self._is_plain = not (self._parts > 1 or self._command_lag or self._reading_lag
-                              or model.command_maps or model.reading_maps or model.joint_maps
+                              or model.command_maps or model.reading_maps or self._shown
                               or (self.noisy and self._sensors_disturb))
         self._first = np.zeros(1, dtype=np.int64)
         self._source, self._force, self._reading = np.empty(1), np.empty(1), np.empty(1)
@@ -114,6 +119,7 @@ class Plant:
         self._s = system.initial.copy()
         # Elements that break later one way than the other are ones that start off their middle.
         self._p = model.branch_difference * np.where(np.isfinite(system.r), system.r, 0.0)
+        self._middle = float(self._p[-1])
         self._flags = np.zeros(layout.N_FLAGS, dtype=np.int64)
         self._inputs = np.zeros(layout.N_INPUTS)
         self._inputs[layout.ONE] = 1.0
@@ -128,11 +134,14 @@ class Plant:
         self._bring_in_line(self._commands[0])
         if led:
             self._settle(self._commands[0])
-        outputs, reading = self._evaluate()
+        outputs, reading = self._raw()
         # What the charge does to the material counts from the relaxed one.
-        self._zero = np.array([reading, outputs[2], 0.0 if led else outputs[2], 0.0])
+        joint = sum(function(outputs[6]) for function in model.joint_maps)
+        self._zero = np.array([reading + joint, outputs[2], 0.0 if led else outputs[2], 0.0])
+        self._shown.rest(outputs, self.period)
+        reading += self._shown.trail[-1]
         self._readings[:] = reading
-        if led and self._model.reading_maps:
+        if led and (self._model.reading_maps or self._shown):
             self._zero[Z_SHOWN] = self._measure(
                 np.zeros(1), outputs[None, :], np.array([reading]), False)[0][0]
         seed = self.device.noise.seed
@@ -202,7 +211,8 @@ class Plant:
             self._p.tolist(), self._flags.tolist(), self._inputs.tolist(),
             self._memory.tolist(), self._commands.tolist(), self._readings.tolist(),
             self._zero.tolist(), self._out_of_range,
-            _plain(self._random.bit_generator.state))
+            _plain(self._random.bit_generator.state),
+            self._shown.trail.tolist() if self._shown else [])
 
     def restore(self, state: PlantState) -> None:
         """
@@ -235,6 +245,9 @@ class Plant:
                 self._command_lag + 1, self._reading_lag):
             raise InputError('saved plant state: what is on its way through the delays does not '
                              'fit this device; use the same delays and sample period')
+        if len(state.shown) != (self._shown.trail.size if self._shown else 0):
+            raise InputError('saved plant state: what the sensor is shown besides does not match '
+                             'the effects of this device; use the same effects')
         blocks = np.array(state.blocks)
         apart = np.diff(self._system.r) * (1 + 1e-6) + 1e-12
         if not self._system.ints[layout.I_GROWING] and np.any(np.abs(np.diff(blocks)) > apart):
@@ -251,6 +264,8 @@ class Plant:
         self._readings = np.array(state.readings)
         self._zero = np.array(state.zero)
         self._out_of_range = bool(state.out_of_range)
+        if self._shown:
+            self._shown.trail[:] = state.shown
         if state.noise is not None:
             self._random.bit_generator.state = state.noise
 
@@ -275,6 +290,8 @@ class Plant:
         voltage = self.sample_exact()[3]
         had_friction = self._system.ints[layout.I_FRICTION]
         commands, readings = self._commands, self._readings
+        shown = readings[0] if readings.size else self._evaluate()[1]
+        had_shown, old_trail = bool(self._shown), self._shown.trail
         self._configure(drive)
         system = self._system
         self._s = np.array([old.get(name, start) for name, start in
@@ -289,8 +306,12 @@ class Plant:
         self._flags[layout.F_LIMIT] = 0
         self._bring_in_line(source)
         self._commands = _resized(commands, self._command_lag + 1)
-        last = readings[-1] if readings.size else self._evaluate()[1]
-        self._readings = _resized(readings, self._reading_lag, last)
+        if had_shown and len(old_trail) == self._shown.trail.size:
+            self._shown.trail[:] = old_trail
+        else:
+            self._shown.rest(self._raw()[0], self.period)
+        # A sensor that is later from now on shows what it shows until then.
+        self._readings = _resized(readings, self._reading_lag, shown)
 
     @property
     def strains(self) -> np.ndarray:
@@ -308,7 +329,12 @@ class Plant:
     # -- stepping ------------------------------------------------------------------
 
     def _evaluate(self) -> tuple[np.ndarray, float]:
-        """Return outputs (6,) and reading of the present state without advancing."""
+        """Return outputs and reading of the present state without advancing."""
+        out, read = self._raw()
+        return out, read + self._shown.now(out) if self._shown else read
+
+    def _raw(self) -> tuple[np.ndarray, float]:
+        """Return outputs and the linear part of the reading (m) of the present state."""
         tables = self._tables
         out, read = np.zeros((1, layout.N_OUTPUTS)), np.zeros(1)
         one = np.zeros(1, dtype=np.int64)
@@ -316,7 +342,7 @@ class Plant:
                                             self._memory)]
         tables.run(one, one, self._inputs[layout.U:layout.U + 1].copy(),
                    self._inputs[layout.FORCE:layout.FORCE + 1].copy(), one, one, state, out, read)
-        return out[0], float(read[0]) + self._closed(out[0, 6])
+        return out[0], float(read[0])
 
     def sample_exact(self) -> np.ndarray:
         """Return displacement, velocity, charge, voltage and force now, as they truly are."""
@@ -447,10 +473,9 @@ class Plant:
 
     def finish(self, time, out, read) -> Response:
         """Pass raw outputs of a timeline that began at ``time[0]`` through the sensors."""
-        if self._model.joint_maps:
-            # What was read came from a delay ago.
-            read = read + np.interp(time[1:] - self._model.sensor_delay, time[1:],
-                                    self._closed(out[:, 6]))
+        if self._shown:
+            read = read + self._shown.follow_irregular(
+                out, time, self._model.sensor_delay, self.period)
         measured = self._measure(self.time + (time[1:] - time[0]), out, read, self.noisy)
         self.time += time[-1] - time[0]
         self._ticks = round(self.time / self.period)
@@ -492,8 +517,8 @@ class Plant:
         self._tables.run(seg_class, seg_ticks, np.ascontiguousarray(u), force, rows, reads,
                          state, out, read)
         self._commands = history[-lag:].copy()
-        if self._model.joint_maps:
-            read = read + self._closed(out[:, 6])
+        if self._shown and n:
+            read[first:] += self._shown.follow(out[first:], self.period, self._reading_phase)
         if self._readings.size:
             late = np.concatenate([self._readings, read[first:]])
             self._readings = late[n:].copy()
@@ -524,21 +549,20 @@ class Plant:
                       float(charge - self._zero[1]), voltage, transduced)
 
     def _note_range(self) -> None:
-        if self._p[-1] != 0.0 or self._flags[layout.F_SLIP] == self._p.size:
+        if self._p[-1] != self._middle or self._flags[layout.F_SLIP] == self._p.size:
             self._out_of_range = True
 
-    def _closed(self, force):
-        """Return the displacement (m) that a force (N) through the joint adds at once."""
-        return sum((function(force) for function in self._model.joint_maps), 0.0)
+    def _by_charge(self, function: Callable) -> Callable:
+        """Return a displacement (m) by the charge on the stack as one by outputs (n, outputs)."""
+        # What the charge does to the material is done by that on the stack, not by what leaks.
+        return lambda out: function(out[:, 5] - self._zero[Z_INSIDE])
 
     def _measure(self, time, out, read, noisy) -> tuple[np.ndarray, ...]:
         """Sensor side: zero, memoryless maps, noise, quantisation."""
         displacement = read - self._zero[0]
         charge = out[:, 2] - self._zero[1]
-        # What the charge does to the material is done by that on the stack, not by what leaks.
-        inside = out[:, 5] - self._zero[Z_INSIDE]
         for function in self._model.reading_maps:
-            displacement = function(displacement, time, inside)
+            displacement = function(displacement, time)
         if self._zero[Z_SHOWN]:
             displacement = displacement - self._zero[Z_SHOWN]
         voltage = out[:, 3]
@@ -547,6 +571,11 @@ class Plant:
             displacement, charge, voltage = disturb(self.device.noise, displacement, charge,
                                                     voltage, draws)
         return displacement, out[:, 1], charge, voltage, out[:, 4]
+
+
+def _by_force(function: Callable) -> Callable:
+    """Return a displacement (m) by the force through the joint as one by outputs (n, outputs)."""
+    return lambda out: function(out[:, 6])
 
 
 def _split_delay(delay: float, period: float) -> tuple[int, float]:

@@ -29,6 +29,8 @@ DRIVE_KEY = 'piezo_stack_sim.drive'
 _INPUTS = ('voltage_command', 'charge_command', 'external_force')
 # Before the first command the device is at rest; longer rest says nothing more.
 _REST = 0.1
+# Part of a channel's range that counts as none.
+_MOVES = 0.05
 
 
 @dataclass
@@ -196,8 +198,12 @@ def _times(source, stream):
         source, None, NOTE, 'the messages carry no stamp', 'their times of arrival are used')]
 
 
-def _rest(source, columns, rows, command):
-    """Return the columns from shortly before the first command, where it counts as zero."""
+def _rest(source, columns, rows, command, units):
+    """
+    Return the columns from shortly before the first command.
+
+    Where it counts as zero, unless something else was held there, as the measured one tells.
+    """
     waiting = np.flatnonzero(~np.isnan(columns[command]))
     first = int(waiting[0]) if waiting.size else len(rows)
     if first == 0:
@@ -205,11 +211,33 @@ def _rest(source, columns, rows, command):
     if first == len(rows):
         raise InputError(f'{source}: no {command} before the last row')
     start = int(np.searchsorted(columns['time'][:first], columns['time'][first] - _REST))
+    what = f'{first} rows before the first {command}'
+    port = command.removesuffix('_command')
+    level = _held_level(columns.get(port), slice(start, first))
+    if level is None:
+        columns = {name: values[first:] for name, values in columns.items()}
+        return columns, rows[first:], [Finding(
+            source, int(rows[0]), REPAIRED, what,
+            'left out: what was measured moves there, and nobody knows by which command')]
     columns = {name: values[start:] for name, values in columns.items()}
-    columns[command] = np.concatenate((np.zeros(first - start), columns[command][first - start:]))
+    level *= units.get(port, 1.0) / units.get(command, 1.0)
+    columns[command] = np.concatenate(
+        (np.full(first - start, level), columns[command][first - start:]))
+    held = f'of {level:.6g}, as was measured' if level else 'of zero'
     return columns, rows[start:], [Finding(
-        source, int(rows[0]), NOTE, f'{first} rows before the first {command}',
-        f'the last {first - start} of them are kept, with a command of zero')]
+        source, int(rows[0]), NOTE, what,
+        f'the last {first - start} of them are kept, with a command {held}')]
+
+
+def _held_level(measured, where):
+    """Return at which command a device rests in some rows, None if it does not rest."""
+    if measured is None or np.isnan(measured[where]).all():
+        return 0.0
+    span, before = np.nanmax(measured) - np.nanmin(measured), measured[where]
+    if np.nanstd(before) > _MOVES * span:
+        return None
+    level = float(np.nanmedian(before))
+    return level if abs(level) > _MOVES * span else 0.0
 
 
 def _before_the_first(source, columns, rows, stream, held):
@@ -290,7 +318,7 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
         findings += more
     rows = 1 + step * np.arange(len(time))
     for name in (each for each in _INPUTS[:2] if each in columns and _moves(columns[each])):
-        columns, rows, more = _rest(source, columns, rows, name)
+        columns, rows, more = _rest(source, columns, rows, name, units or {})
         findings += more
     columns, rows, more = _before_the_first(source, columns, rows, stream, collector.first_held)
     findings += more

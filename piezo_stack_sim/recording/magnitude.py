@@ -30,12 +30,23 @@ _LIMITS = {'voltage': 1e4, 'charge': 0.1, 'displacement': 5e-3}
 _FORCE_LIMIT = 1e6
 # Smaller in whatever unit than any sensor sees.
 _NOTHING = 1e-30
+# Part of the whole range that the middle 98 per cent of rows have where the rest is a pulse.
+_PULSE = 0.05
 
 
 def spread(values):
     """Return the range of values without the outermost per cent on either side."""
     low, high = np.percentile(values, (1.0, 99.0))
     return float(high - low) or float(np.ptp(values))
+
+
+def _spreads(expected, measured):
+    """Return the ranges of both by one measure: of a pulse in a long rest the whole ones."""
+    whole = float(np.ptp(expected))
+    low, high = np.percentile(expected, (1.0, 99.0))
+    if high - low < _PULSE * whole:
+        return whole, float(np.ptp(measured))
+    return spread(expected), spread(measured)
 
 
 def check_limits(recording):
@@ -121,7 +132,7 @@ class _Reading:
         self.cost = float(command_power != 0) + float(force_power != 0)
         self.distance = 0.0
         for channel, values in recording.measured.items():
-            expected, measured = spread(answer[channel]), spread(values)
+            expected, measured = _spreads(answer[channel], values)
             if min(expected, measured) < _NOTHING:
                 continue
             power, cost, distance = _explain(channel, measured / expected)

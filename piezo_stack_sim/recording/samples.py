@@ -16,6 +16,8 @@ _MOVED = 0.03
 # No unit makes a quantity of a stack that large.
 _ABSURD = 1e30
 _SPIKE = 10.0
+# Part of the rows up to which an input that leaves its rest is a pulse.
+_RARE = 0.05
 # An offset that is no noise, disturbance or drift, as a part of the channel's range.
 _OFFSET = 0.02
 # Rows after which a jump of the command or the force has shown, times the noise from which it
@@ -47,11 +49,12 @@ def check_numbers(recording):
 
     """
     findings, changes, measured = [], {}, dict(recording.measured)
+    excited = _excited(recording)
     for name in ('time', 'command', 'external_force', *measured):
         values = measured[name] if name in measured else getattr(recording, name)
         absurd = np.isinf(values) | (np.abs(values) > _ABSURD)
         if name in measured:
-            absurd |= _spikes(np.where(absurd, np.nan, values))
+            absurd |= _spikes(np.where(absurd, np.nan, values)) & ~excited
         if not absurd.any():
             continue
         first = int(np.argmax(absurd))
@@ -72,6 +75,23 @@ def _spikes(values):
     low, high = np.percentile(finite, (1.0, 99.0))
     far = np.nan_to_num(np.abs(values - 0.5 * (low + high))) > _SPIKE * (high - low)
     return far & (high > low) & (np.mean(far) < 0.01)
+
+
+def _excited(recording):
+    """Return the rows about a pulse of an input that rests otherwise: what answers is no spike."""
+    excited = np.zeros(len(recording), dtype=bool)
+    for values in (recording.command, recording.external_force):
+        finite = np.where(np.isfinite(values), values, np.nan)
+        if np.isnan(finite).all():
+            continue
+        rest = np.nanmedian(finite)
+        away = np.nan_to_num(np.abs(finite - rest)) > _ZERO * np.ptp(finite[~np.isnan(finite)])
+        if 0.0 < np.mean(away) < _RARE:
+            for start, end in runs_of(away):
+                # It may come late, and last as long again.
+                after = max(end - start, _FEWEST_ROWS)
+                excited[max(start - _FEWEST_ROWS, 0):end + after] = True
+    return excited
 
 
 def check_missing(recording):

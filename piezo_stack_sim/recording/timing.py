@@ -11,6 +11,8 @@ from piezo_stack_sim.recording.grid import find_grid
 _SHORT_GAP = 5
 _FILLED = 0.1
 _MISPLACED = 0.05
+# Part of the rows from which rows that share a time, but not their values, tell of few digits.
+_COARSE = 0.02
 # Times since 1970 in ns, us and ms are beyond these; no run of a device in seconds is.
 _EPOCHS = ((1e17, 1e-9, 'ns'), (1e14, 1e-6, 'us'), (1e11, 1e-3, 'ms'))
 _SLOWEST = 10.0
@@ -48,6 +50,10 @@ def check_inputs_complete(recording):
             findings.append(found(
                 recording, int(np.argmax(missing)), REPAIRED,
                 f'{what} is empty in {missing.sum()} rows', 'it holds there until its next value'))
+    if not np.isfinite(recording.external_force).any():
+        filled['external_force'] = np.zeros(len(recording))
+        findings.append(found(recording, None, NOTE, 'external_force is empty throughout',
+                              'none counts as applied'))
     recording = recording.replace(**filled)
     bad = ~(np.isfinite(recording.time) & np.isfinite(recording.command)
             & np.isfinite(recording.external_force))
@@ -80,11 +86,16 @@ def check_order(recording):
     findings = []
     order = np.argsort(recording.time, kind='stable')
     twice = np.zeros(len(recording), dtype=bool)
-    same = np.diff(recording.time[order]) == 0.0
+    equal = np.diff(recording.time[order]) == 0.0
+    same = equal.copy()
     for values in _columns(recording):
         step = values[order][1:] - values[order][:-1]
         same &= (step == 0.0) | np.isnan(step)
-    twice[order[1:][same]] = True
+    # Of times with too few digits many rows share one, and those at rest share their values, too.
+    coarse = (np.count_nonzero(equal & ~same) > max(_COARSE * equal.size, 2)
+              and find_grid(recording.time[order]) is not None)
+    if not coarse:
+        twice[order[1:][same]] = True
     if twice.any():
         findings.append(found(recording, int(np.argmax(twice)), REPAIRED,
                               f'{twice.sum()} rows are there twice', 'the second one is dropped'))

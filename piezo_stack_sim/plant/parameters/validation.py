@@ -76,6 +76,7 @@ def device_from_mapping(mapping, source='parameters', lines=None):
     device = _build(values, effects)
     _check_elements(device.actuator, report)
     _check_strains(device, report)
+    _check_rails(device, report)
     trouble = implausible(device.actuator)
     if trouble:
         report.fail(*trouble)
@@ -230,6 +231,15 @@ def _check_strains(device, report):
         if value and number.isdigit() and int(number) > elements:
             report.fail(f'effects.initial_polarisation.{name}', value,
                         f'expected 0, for there are {elements} elements', 'remove it')
+
+
+def _check_rails(device, report):
+    """Check that the rails of a driver leave room between them."""
+    rails = device.effects.get('amplifier_saturation', {})
+    lower, upper = rails.get('lower', -math.inf), rails.get('upper', math.inf)
+    if not lower < upper:
+        report.fail('effects.amplifier_saturation.lower', lower,
+                    f'expected less than upper, {upper:g} V', 'give the lower rail first')
 
 
 def _build(values, effects):
