@@ -10,6 +10,22 @@ import tempfile
 from piezo_stack_sim.errors import InputError
 
 
+_inputs = None  # of a command: what it has read, which it must not write over
+
+
+def guard_inputs():
+    """From now on no file is written over that was read before: one command begins."""
+    global _inputs
+    _inputs = set()
+
+
+def note_input(path):
+    """Note that a file was read; return the path."""
+    if _inputs is not None:
+        _inputs.add(os.path.realpath(path))
+    return path
+
+
 @contextmanager
 def atomic_path(path):
     """
@@ -28,10 +44,13 @@ def atomic_path(path):
     Raises
     ------
     InputError
-        When the folder or the file cannot be written.
+        When the folder or the file cannot be written, or was read by the same command.
 
     """
     path = Path(path)
+    if _inputs and os.path.realpath(path) in _inputs:
+        raise InputError(f'{path}: is what was read: expected another file to write to; '
+                         'choose another --out')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # A leading dot, so that a reader of the folder never takes it for a recording.
@@ -72,6 +91,9 @@ def make_folder(path):
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f'{path}: cannot be made a folder: {error.strerror}') from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise InputError(f'{path}: cannot be written into: expected a folder with the permission '
+                         'to write; choose another')
     return path
 
 

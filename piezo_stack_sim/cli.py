@@ -10,6 +10,7 @@ import sys
 
 import click
 
+from piezo_stack_sim.atomic import guard_inputs
 from piezo_stack_sim.errors import InputError
 
 # In the order of the help. Each is a module of piezo_stack_sim.commands that defines `command`;
@@ -115,6 +116,7 @@ def main(argv=None):
     # Small products of matrices from many threads: a BLAS with threads of its own only spins.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     argv = list(sys.argv[1:] if argv is None else argv) or ['--help']
+    guard_inputs()
     try:
         try:
             with cli.make_context('piezo_stack', argv) as context:
@@ -138,6 +140,15 @@ def main(argv=None):
         # The interpreter flushes stdout once more at its end; give it somewhere to go.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except OSError as error:
+        if os.environ.get('PIEZO_STACK_DEBUG') == '1':
+            raise
+        if error.strerror is None:
+            return _fail(_fault(error), 1)
+        if error.filename is None:  # what is written to no file goes to the terminal
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _fail(f'{error.filename or "the output"}: {error.strerror}: expected something '
+                     'that can be read and written; give another path or its permissions', 2)
     except Exception as error:
         if os.environ.get('PIEZO_STACK_DEBUG') == '1':
             raise

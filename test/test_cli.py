@@ -3,6 +3,7 @@
 """The command piezo_stack: its help, its exit status, its one-line errors."""
 
 import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -155,3 +156,22 @@ def test_a_closed_pipe_ends_quietly():
 def test_the_folder_of_the_supplied_files_is_printed(capsys):
     assert cli.main(['--config']) == 0
     assert capsys.readouterr().out.strip() == str(config_file('x').parent)
+
+
+@pytest.mark.parametrize('arguments', [
+    ['export', 'spice', '--params', 'device.yaml', '--out', 'device.yaml'],
+    ['export', 'spice', '--params', 'device.yaml', '--out', 'link.yaml']])
+def test_what_a_command_reads_it_does_not_write_over(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = Path(config_file('ae0505d16.yaml')).read_bytes()
+    Path('device.yaml').write_bytes(before)
+    Path('link.yaml').symlink_to('device.yaml')
+    assert cli.main(arguments) == 2
+    assert 'is what was read' in capsys.readouterr().err
+    assert Path('device.yaml').read_bytes() == before
+
+
+def test_a_path_that_the_system_refuses_is_named_in_one_line(capsys):
+    assert cli.main(['compare', 'x' * 300, '--params', str(config_file('ae0505d16.yaml'))]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1 and 'xxx' in error and 'internal' not in error

@@ -4,10 +4,13 @@
 
 from dataclasses import replace
 import json
+import os
+from pathlib import Path
 
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.gap.many import diagnose_many, Job
+from piezo_stack_sim.gap.many import _is_done, diagnose_many, Job
+from piezo_stack_sim.gap.write import inputs_of
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.plant.parameters import save_device
 from piezo_stack_sim.recording import programmes, RecordingSet
@@ -51,6 +54,14 @@ def test_a_dask_cluster_answers_what_processes_answer(tmp_path):
     assert sorted(here) == sorted(there) and not any('failed' in line for line in here)
     assert answers(jobs('here')) == answers(jobs('there'))
     assert again == ['done before'] * len(devices)
+    # What was recorded anew, and half an answer, are asked again.
+    first, second = jobs('there')
+    assert _is_done(first) and _is_done(second)
+    later = os.stat(f'{first.out}/diagnosis.json').st_mtime + 5.0
+    os.utime(next(Path(first.paths[0]).iterdir()), (later, later))
+    Path(second.out, 'diagnosis.json').write_text(json.dumps({'inputs': inputs_of(
+        second.paths, second.params)}), encoding='utf-8')
+    assert not _is_done(first) and not _is_done(second)
     # What is there is not passed off as the answer to another question.
     with pytest.raises(InputError, match='made from other unit .*remove it'):
         next(diagnose_many([replace(jobs('there')[0], units=('displacement=um',))]))

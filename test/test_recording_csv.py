@@ -144,6 +144,20 @@ def test_brackets_behind_a_mapped_column_give_its_unit(tmp_path):
     path = written(tmp_path, GOOD.replace('displacement', 'Weg (Sensor)'))
     mapping = parse_mapping(['displacement=Weg (Sensor)'])
     assert read_csv(path, mapping).measured['displacement'].tolist() == [0.0, 1e-7, 2.5e-7]
+    path = written(tmp_path, GOOD.replace('displacement', 'Weg [V]'))
+    with pytest.raises(InputError, match="'Weg .V.': displacement: 'V' is no unit.*overrules"):
+        read_csv(path, parse_mapping(['displacement=Weg [V]']))
+    assert read_csv(path, parse_mapping(['displacement=Weg [V]']), parse_units(
+        ['displacement=um'])).measured['displacement'][1] == pytest.approx(1e-13)
+
+
+@pytest.mark.parametrize('name, channel', [
+    ('external_force(N)', 'external_force'), ('voltage_command(V)', 'command')])
+def test_a_unit_in_brackets_needs_no_blank_before_it(name, channel, tmp_path):
+    text = 'time,voltage_command,external_force,displacement\n0,1,2,0\n0.1,2,3,1e-6\n'
+    path = written(tmp_path, text.replace(name.partition('(')[0], name))
+    assert getattr(read_csv(path), channel).tolist() == getattr(
+        read_csv(written(tmp_path, text)), channel).tolist()
 
 
 @pytest.mark.parametrize('text, complaint', [

@@ -155,6 +155,13 @@ def test_what_an_amplifier_lies_before_is_told_by_its_gain(channels, gain):
     assert np.array_equal(passed[0].command, recording.command)
 
 
+@pytest.mark.parametrize('gain', [15.0, 50.0, 200.0])
+def test_a_gain_beyond_any_effect_is_asked_for_and_no_unit_is_guessed(gain):
+    recording = slow()
+    text = refusal(recording.replace(command=recording.command / gain))
+    assert float(text.rsplit('=', 1)[1]) == pytest.approx(gain, rel=0.01)
+
+
 def test_a_voltage_behind_a_divider_is_told_from_a_command_before_an_amplifier():
     recording = slow()
     _, findings = checked(with_channel(recording, 'voltage',
@@ -305,6 +312,19 @@ def test_a_gap_within_a_hold_is_kept():
     assert same(passed, recording)
 
 
+def test_a_lost_row_of_a_fast_wave_is_filled_in_along_it_and_beside_a_jump_by_a_line():
+    time = np.arange(6000) * 1e-4
+    wave = 30.0 * np.sin(2.0 * np.pi * 400.0 * time)  # 25 rows a period; lines are off by 0.9 V
+    jumps = 20.0 * (time % 0.1 > 0.05)
+    lost = np.arange(40, 5900, 97)
+    for command, off in ((wave, 0.05), (jumps, 10.0 + 1e-9), (wave + jumps, 10.9)):
+        recording = answered(command, noise=0.0)
+        passed, _ = checked(recording.take(np.delete(np.arange(6000), lost)))
+        wrong = np.abs(passed[0].command - command)
+        assert wrong.max() < off
+        assert np.median(wrong[lost]) < 0.05
+
+
 def test_many_lost_rows_are_refused():
     keep = np.random.default_rng(1).random(3000) > 0.2
     assert 'rows are missing in' in refusal(slow().take(keep))
@@ -424,6 +444,30 @@ def test_numbers_that_stand_for_no_answer_count_as_missing():
     assert 'row 102: displacement is missing in 3 of 3000 rows' in findings[1]
     assert np.allclose(passed[0].measured['displacement'],
                        recording.measured['displacement'], atol=5e-8)
+
+
+@pytest.mark.parametrize('channel, constant', [
+    ('displacement', -9999.0), ('displacement', 99.0), ('charge', -1.0), ('voltage', 9999.0)])
+def test_a_constant_that_stands_for_no_answer_decides_no_unit(channel, constant):
+    recording = slow()
+    values = recording.measured[channel].copy()
+    values[np.random.default_rng(5).choice(3000, 45, replace=False)] = constant
+    passed, findings = checked(with_channel(recording, channel, values))
+    assert f'{channel} has impossible values in 45 rows, here {constant:g}' in findings[0]
+    assert not any('size tells' in each for each in findings)
+    assert np.ptp(passed[0].measured[channel]) == pytest.approx(
+        np.ptp(recording.measured[channel]), rel=0.01)
+
+
+def test_a_lone_number_among_the_inputs_that_nothing_answers_is_none():
+    recording = slow()
+    command, force = recording.command.copy(), np.zeros(3000)
+    command[500], force[700] = -9999.0, 1e7
+    passed, findings = checked(recording.replace(command=command, external_force=force))
+    assert 'row 502: voltage_command has impossible values in 1 rows' in findings[0]
+    assert 'row 702: external_force has impossible values in 1 rows' in findings[1]
+    assert np.abs(passed[0].command - recording.command).max() < 0.1
+    assert not passed[0].external_force.any()
 
 
 def test_a_short_pulse_in_a_long_rest_is_an_answer_and_no_spike():

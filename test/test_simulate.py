@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """``piezo_stack simulate``: a recording set in, the model's answers out."""
 
+import gzip
+
 import numpy as np
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.plant import Device, simulate
@@ -89,6 +91,36 @@ def test_a_measurement_is_not_overwritten_by_its_simulation(given, recordings, t
     assert 'would be overwritten' in capsys.readouterr().err
     assert sorted(path.name for path in recordings.iterdir()) == ['push.csv', 'rise.csv']
     assert (recordings / 'rise.csv').read_bytes() == before
+
+
+def test_a_measurement_of_the_same_name_elsewhere_is_not_overwritten_either(
+        recordings, tmp_path, capsys):
+    other = tmp_path / 'other'
+    other.mkdir()
+    with gzip.open(other / 'rise.csv.gz', 'wb') as file:
+        file.write((recordings / 'rise.csv').read_bytes())
+    before = (other / 'rise.csv.gz').read_bytes()
+    arguments = ['simulate', str(recordings), '--params', PARAMS, '--out']
+    assert main([*arguments, str(other)]) == 2
+    assert 'rise.csv.gz: is there and does not begin with' in capsys.readouterr().err
+    assert (other / 'rise.csv.gz').read_bytes() == before
+    # What a simulation wrote is written again.
+    assert [main([*arguments, str(tmp_path / 'again')]) for _ in range(2)] == [0, 0]
+
+
+@pytest.mark.parametrize('column, value, words', [
+    ('time', '0.0', 'row 4: time 0 s does not come after'),
+    ('voltage_command', '1e29', 'voltage_command reaches 1e+29 V'),
+    ('voltage_command', 'nan', 'row 4: voltage_command is no finite number')])
+def test_inputs_that_no_device_can_be_asked_are_named_with_file_and_row(
+        column, value, words, tmp_path, capsys):
+    path = tmp_path / 'run.csv'
+    rows = [['0.0', '0'], ['0.1', '1'], ['0.2', '2']]
+    rows[2][column == 'voltage_command'] = value
+    path.write_text('time,voltage_command\n' + ''.join(f'{a},{b}\n' for a, b in rows))
+    assert main(['simulate', str(path), '--params', PARAMS, '--out', str(tmp_path / 'o')]) == 2
+    error = capsys.readouterr().err
+    assert str(path) in error and words in error and error.count('\n') == 1
 
 
 def test_a_seed_without_noise_is_refused(recordings, tmp_path, capsys):

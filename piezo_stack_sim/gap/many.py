@@ -43,7 +43,8 @@ def diagnose_many(jobs: list[Job], workers: int = 1, scheduler: str | None = Non
     Diagnose many devices; yield each with a line about it as it is done.
 
     A job whose diagnosis.json exists already is passed over, so that an
-    interrupted run is resumed by the same command.
+    interrupted run is resumed by the same command, unless what it was made from
+    has changed since.
 
     Raises
     ------
@@ -66,11 +67,25 @@ def _is_done(job: Job) -> bool:
     if not file.exists():
         return False
     try:
-        made_from = json.loads(file.read_text(encoding='utf-8'))['inputs']
+        answer = json.loads(file.read_text(encoding='utf-8'))
+        made_from = dict(answer['inputs'])
     except (OSError, ValueError, TypeError, KeyError):
-        made_from = {}
+        answer, made_from = {}, {}
     for name, now in inputs_of(job.paths, job.params, job.mapping, job.units).items():
         if made_from.get(name) != now:
             raise InputError(f'{file}: made from other {name} ({made_from.get(name)}) than given '
                              f'now ({now}): remove it or choose another --out')
-    return True
+    return 'verdict' in answer and file.stat().st_mtime >= max(
+        _changed(Path(path), Path(job.out)) for path in (*job.paths, job.params))
+
+
+def _changed(place: Path, without: Path) -> float:
+    """Return when a file, or the newest in a folder, was changed (s); 0 if nobody can tell."""
+    times = [0.0]
+    for each in place.rglob('*') if place.is_dir() else (place,):
+        try:
+            if each.is_file() and without not in each.parents:
+                times.append(each.stat().st_mtime)
+        except OSError:
+            continue  # reading it will tell
+    return max(times)

@@ -5,7 +5,7 @@
 import json
 from pathlib import Path
 
-from piezo_stack_sim.atomic import write_text
+from piezo_stack_sim.atomic import note_input, write_text
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.schema import validate
 
@@ -43,7 +43,7 @@ def read_diagnosis(path):
 
     """
     try:
-        text = Path(path).read_text(encoding='utf-8')
+        text = Path(note_input(path)).read_text(encoding='utf-8')
     except UnicodeDecodeError as error:
         raise InputError(f'{path}: byte {error.start} is not UTF-8: '
                          'expected a diagnosis.json') from error

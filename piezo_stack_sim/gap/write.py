@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from piezo_stack_sim.atomic import make_folder
+from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.diagnose import diagnose_set
 from piezo_stack_sim.gap.report import write_report
 from piezo_stack_sim.gap.schema import validate
@@ -48,6 +50,8 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     device = load_device(params)
     progress('reading the recordings')
     recordings = read_set(list(paths), mapping=mapping, units=units)
+    if Path(params).resolve() == (Path(out) / 'corrected.yaml').resolve():
+        raise InputError(f'--params {params}: would be written over; choose another --out')
     folder = make_folder(out)  # before minutes of work that would have nowhere to go
     progress('compiling the plant, once on a machine')
     compile_kernels()

@@ -11,6 +11,7 @@ import zlib
 
 import numpy as np
 
+from piezo_stack_sim.atomic import note_input
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.assemble import (
     assemble, checked_drive, COMMANDS, MAX_VALUES, thinned,
@@ -28,7 +29,7 @@ _BROKEN = (EOFError, gzip.BadGzipFile, zlib.error)
 def _raw_blocks(path):
     """Yield the bytes of a file, unpacked, in blocks; InputError for whatever goes wrong."""
     try:
-        with open(path, 'rb') as file:
+        with open(note_input(path), 'rb') as file:
             magic = file.read(2)
             file.seek(0)
             packed = magic == b'\x1f\x8b'
@@ -173,9 +174,9 @@ class _Columns:
                 self._note(tagged[0][0], f'the header gives {channel} in {tagged[0][1][1]}')
                 self.scale[channel] = tagged[0][1][2]
         for channel, place in self.index.items():
-            tag = boxed_unit(channel, names[place])
             if channel in self.scale or channel in units:
                 continue
+            tag = self._boxed(channel, names[place])
             if header.units[place]:
                 self._scale(channel, header.units[place], self._unit(channel, header))
             elif tag:
@@ -185,6 +186,15 @@ class _Columns:
                 self.scale[channel] = factor
                 self._note(self.index[channel], f'{channel} is multiplied by {factor:g} (--unit)')
         self._check(header.drive)
+
+    def _boxed(self, channel, name):
+        """Return the unit in the brackets of a header, None if there is none."""
+        try:
+            return boxed_unit(channel, name)
+        except InputError as error:
+            raise InputError(f'{self.path}: column {shown(name)}: '
+                             f'{str(error).removeprefix("--unit ")}; --unit {channel}=... '
+                             'overrules it') from None
 
     def _unit(self, channel, header):
         """Return the factor to SI of a unit in the row of units."""

@@ -30,6 +30,8 @@ _LIMITS = {'voltage': 1e4, 'charge': 0.1, 'displacement': 5e-3}
 _FORCE_LIMIT = 1e6
 # Smaller in whatever unit than any sensor sees.
 _NOTHING = 1e-30
+# Decades away from a unit from which a factor is none.
+_NO_UNIT = 0.3
 # Part of the whole range that the middle 98 per cent of rows have where the rest is a pulse.
 _PULSE = 0.05
 
@@ -193,11 +195,27 @@ def check_units(recording, statics):
     as_is = next((x for x in readings if x.command_power == 0 and x.force_power == 0), None)
     if as_is and as_is.cost < 1.0:
         return recording, _odd(recording, as_is, statics)
+    if as_is:
+        _check_gain(recording, as_is, statics)
     rivals = [each for each in readings[1:] if each.complete and each.cost < best.cost + 0.5
               and each.distance < best.distance + 0.5]
     if not best.complete or rivals:
         raise _unexplained(recording, as_is or best)
     return _scaled(recording, best, statics)
+
+
+def _check_gain(recording, reading, statics):
+    """Refuse a command that all channels answer as one that is larger by a factor, and no unit."""
+    factor = reading.ratios.get(recording.drive, 1.0)
+    decades = math.log10(factor)
+    if len(reading.ratios) < 2 or abs(decades - 3 * round(decades / 3.0)) < _NO_UNIT:
+        return
+    larger = _Reading(recording.replace(command=recording.command * factor), statics, 0, 0)
+    if all(abs(math.log10(ratio)) < _NO_UNIT for ratio in larger.ratios.values()):
+        raise refuse(recording, None, f'all channels answer {recording.command_name} as if '
+                     f'it were {factor:.4g} times as large',
+                     'if an amplifier lies between, give its gain, as in --unit '
+                     f'{recording.command_name}={factor:.3g}')
 
 
 def _odd(recording, reading, statics):

@@ -35,8 +35,9 @@ _UNIT = re.compile(
     r'(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?(?:[eE][+-]?\d{1,3})?)\s*\*?)?'
     r'\s*(?P<unit>[A-Za-zµμ]*)'
 )
+_OTHER_UNITS = {'min', 'h', 'sec', 'msec', 'usec', 'A', 'mA', 'K', 'Hz', 'kHz', 'Pa', 'deg', 'rad'}
 _HEADER_UNIT = re.compile(
-    r'(?P<name>.+?)(?:\s*[\[(](?P<boxed>[^\])]+)[\])]|[ _/](?P<tail>[^ _/]+))'
+    r'(?P<name>.+?)(?:\s*[\[(](?P<boxed>[^\])]+)[\])]|[ _/](?P<tail>[^ _/()\[\]]+))'
 )
 
 
@@ -237,9 +238,23 @@ def header_unit(header):
 
 
 def boxed_unit(channel, header):
-    """Return the same for a column of any name that is mapped to a channel: ``x [um]``."""
+    """
+    Return the same for a column of any name that is mapped to a channel: ``x [um]``.
+
+    Raises
+    ------
+    InputError
+        When there is the unit of something else in the brackets.
+
+    """
     match = _HEADER_UNIT.fullmatch(header.strip()[:80])
-    return _tagged(channel, match['boxed']) if match and match['boxed'] else None
+    if not match or not match['boxed']:
+        return None
+    tagged = _tagged(channel, match['boxed'])
+    word = match['boxed'].strip()
+    if tagged is None and (word in _OTHER_UNITS or any(_tagged(name, word) for name in UNITS)):
+        unit_scale(channel, word)
+    return tagged
 
 
 def _tagged(channel, unit):

@@ -16,6 +16,10 @@ _MOVED = 0.03
 # No unit makes a quantity of a stack that large.
 _ABSURD = 1e30
 _SPIKE = 10.0
+# A constant that stands for no answer is there so often, and in less than this part of the rows.
+_REPEATED, _STAND_INS = 3, 0.2
+# What no stack is given: a force (N), a voltage (V), a charge (C).
+_CRUSHING, _IMPOSSIBLE = 1e5, {'voltage': 2e3, 'charge': 0.1}
 # Part of the rows up to which an input that leaves its rest is a pulse.
 _RARE = 0.05
 # An offset that is no noise, disturbance or drift, as a part of the channel's range.
@@ -53,8 +57,12 @@ def check_numbers(recording):
     for name in ('time', 'command', 'external_force', *measured):
         values = measured[name] if name in measured else getattr(recording, name)
         absurd = np.isinf(values) | (np.abs(values) > _ABSURD)
+        finite = np.where(absurd, np.nan, values)
         if name in measured:
-            absurd |= _spikes(np.where(absurd, np.nan, values)) & ~excited
+            absurd |= (_spikes(finite) | _stand_ins(finite)) & ~excited
+        elif name != 'time':
+            impossible = _unanswered(recording, name, finite)
+            absurd |= _lone((_spikes(finite) | (np.abs(finite) > _CRUSHING)) & impossible)
         if not absurd.any():
             continue
         first = int(np.argmax(absurd))
@@ -75,6 +83,43 @@ def _spikes(values):
     low, high = np.percentile(finite, (1.0, 99.0))
     far = np.nan_to_num(np.abs(values - 0.5 * (low + high))) > _SPIKE * (high - low)
     return far & (high > low) & (np.mean(far) < 0.01)
+
+
+def _stand_ins(values):
+    """Return which values are a constant far beyond all others: what stands for no answer."""
+    none = np.zeros(values.size, dtype=bool)
+    for extreme in (np.nanmin, np.nanmax):
+        finite = np.isfinite(values) & ~none
+        if np.count_nonzero(finite) < _FEWEST_ROWS:
+            break
+        same = finite & (values == extreme(values[finite]))
+        if not _REPEATED <= np.count_nonzero(same) < _STAND_INS * values.size:
+            continue
+        low, high = np.percentile(values[finite & ~same], (1.0, 99.0))
+        away = abs(float(values[same][0]) - 0.5 * (low + high))
+        if high > low and away > _SPIKE * (high - low):
+            none |= same
+    return none
+
+
+def _lone(far):
+    """Return those of some rows that stand alone, or by twos."""
+    for start, end in runs_of(far):
+        if end - start > 2:
+            far[start:end] = False
+    return far
+
+
+def _unanswered(recording, name, values):
+    """Return at which rows an input that far off cannot have been."""
+    if name == 'external_force':
+        return np.abs(values) > _CRUSHING
+    answer = recording.measured.get(recording.drive)
+    if answer is None:
+        return np.abs(values) > _IMPOSSIBLE.get(recording.drive, np.inf)
+    # Rows are sampled before their command takes effect.
+    seen = np.maximum(np.abs(answer), np.abs(np.append(answer[1:], answer[-1])))
+    return ~(seen > 0.1 * np.abs(values))
 
 
 def _excited(recording):

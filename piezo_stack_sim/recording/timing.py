@@ -15,7 +15,7 @@ _MISPLACED = 0.05
 _COARSE = 0.02
 # Times since 1970 in ns, us and ms are beyond these; no run of a device in seconds is.
 _EPOCHS = ((1e17, 1e-9, 'ns'), (1e14, 1e-6, 'us'), (1e11, 1e-3, 'ms'))
-_SLOWEST = 10.0
+_SLOWEST, _FASTEST = 10.0, 1e-8
 _SLOW = 0.5
 
 
@@ -148,6 +148,9 @@ def check_unit(recording):
             time = (time - time[0]) * scale
             break
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    if 0.0 < step < _FASTEST:
+        raise refuse(recording, 0, f'rows are {step:.6g} s apart: time is hardly in s',
+                     'give its unit, as in --unit time=ms')
     mend = 'give its unit, as in --unit time=ms'
     if step > _SLOWEST:
         raise refuse(recording, 0, f'rows are {step:.6g} s apart: time is hardly in s', mend)
@@ -238,8 +241,26 @@ def _cut(recording, index):
     return recording, index, findings
 
 
+def _is_smooth(values, gaps):
+    """
+    Tell of gaps after rows ``gaps`` whether a cubic or a line fills them.
+
+    Whichever tells the rows around them better, each left out in turn: beside a jump or a corner,
+    and in mere noise, that is a line.
+    """
+    if values.size < 5:
+        return np.zeros(gaps.size, dtype=bool)
+    near, far = values[3:-1] + values[1:-3], values[4:] + values[:-4]
+    wrong = np.full((2, values.size), np.inf)
+    wrong[0, 2:-2] = np.abs(values[2:-2] - near / 2.0)
+    wrong[1, 2:-2] = np.abs(values[2:-2] - (4.0 * near - far) / 6.0)
+    around = np.clip(gaps[:, None] + np.arange(-2, 4), 0, values.size - 1)
+    line, curve = wrong[:, around].max(axis=-1)
+    return curve < line
+
+
 def _filled(recording, index, period):
-    """Put in the rows that are missing in short gaps, by straight lines."""
+    """Put in the rows that are missing in short gaps: by a curve where that tells its likes."""
     gaps = np.diff(index) - 1
     short = np.flatnonzero((gaps > 0) & (gaps <= _SHORT_GAP))
     lost = int(gaps[short].sum())
@@ -253,12 +274,20 @@ def _filled(recording, index, period):
     place = np.searchsorted(every, index)
 
     def fill(values):
-        return np.interp(every, index, values)
+        line = np.interp(every, index, values)
+        smooth = short[_is_smooth(values, short)]
+        if not smooth.size:
+            return line
+        from scipy.interpolate import CubicSpline
+        gap = np.searchsorted(index, missing) - 1
+        curved = np.zeros(every.size, dtype=bool)
+        curved[np.searchsorted(every, missing[np.isin(gap, smooth)])] = True
+        return np.where(curved, CubicSpline(index, values)(every), line)
 
     known = np.zeros(every.size, dtype=np.int64)
     known[place] = np.arange(1, index.size + 1) if recording.rows is None else recording.rows
     more = found(recording, short[0] + 1, REPAIRED,
-                 f'{lost} rows were lost in {short.size} places', 'filled in by straight lines')
+                 f'{lost} rows were lost in {short.size} places', 'filled in by those around')
     return recording.replace(
         time=fill(recording.time),
         command=fill(recording.command),

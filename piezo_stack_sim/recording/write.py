@@ -5,6 +5,7 @@
 import gzip
 import os
 from pathlib import Path
+import zlib
 
 import numpy as np
 
@@ -21,13 +22,14 @@ def _lines(table):
     return ''.join(','.join(map(repr, row)) + '\n' for row in table.tolist()).encode('ascii')
 
 
-def _head(names, drive):
-    """Return the header, after a comment when the leads were open or shorted."""
-    comment = f'# drive: {drive}\n' if drive in ('open', 'shorted') else ''
+def _head(names, drive, remark=''):
+    """Return the header, after comments: a remark, and which leads were open or shorted."""
+    comment = f'# {remark}\n' if remark else ''
+    comment += f'# drive: {drive}\n' if drive in ('open', 'shorted') else ''
     return f'{comment}{",".join(names)}\n'.encode('ascii')
 
 
-def write_csv(recording, path):
+def write_csv(recording, path, remark=''):
     """
     Write one recording: the file is the old one or the complete new one at every moment.
 
@@ -37,6 +39,8 @@ def write_csv(recording, path):
         Columns that it does not have are not written.
     path : str or Path
         A name that ends with .csv or .csv.gz, which packs it. Equal recordings give equal bytes.
+    remark : str
+        A line of ASCII above the header.
 
     Raises
     ------
@@ -50,14 +54,14 @@ def write_csv(recording, path):
         packed = str(path).endswith('.gz')
         # No name and no date in it, so that equal recordings give equal files.
         out = gzip.GzipFile('', 'wb', 6, file, mtime=0) if packed else file
-        out.write(_head(columns, recording.drive))
+        out.write(_head(columns, recording.drive, remark))
         for first in range(0, len(table), _ROWS_AT_ONCE):
             out.write(_lines(table[first:first + _ROWS_AT_ONCE]))
         if packed:
             out.close()
 
 
-def write_csv_set(recording_set, folder, packed=True):
+def write_csv_set(recording_set, folder, packed=True, remark=''):
     """
     Write a recording set, one file for each recording, each file atomically.
 
@@ -69,6 +73,8 @@ def write_csv_set(recording_set, folder, packed=True):
         Made if it is not there.
     packed : bool
         Gzipped files (.csv.gz) or plain ones (.csv).
+    remark : str
+        A line above each header; a file that is there already must begin with it.
 
     Returns
     -------
@@ -79,7 +85,7 @@ def write_csv_set(recording_set, folder, packed=True):
     ------
     InputError
         When a name is no file name, or the folder has a file of the same name with the other
-        ending, which would be read as a second recording.
+        ending, which would be read as a second recording, or one without the remark.
 
     """
     folder = Path(folder)
@@ -90,11 +96,27 @@ def write_csv_set(recording_set, folder, packed=True):
             raise InputError(f'{folder}: recording {shown(name)}: not usable as a file name')
         if (folder / f'{name}{other}').exists():
             raise InputError(f'{folder / (name + other)}: is in the way of {name}{ending}: remove')
+        if remark:
+            _check_replaceable(folder / f'{name}{ending}', remark)
     paths = []
     for recording in recording_set.recordings:
         paths.append(folder / f'{recording.name}{ending}')
-        write_csv(recording, paths[-1])
+        write_csv(recording, paths[-1], remark)
     return paths
+
+
+def _check_replaceable(path, remark):
+    """Raise InputError for a file that does not begin with a remark."""
+    try:
+        with (gzip.open if path.suffix == '.gz' else open)(path, 'rb') as file:
+            if file.readline(200).rstrip(b'\r\n') == f'# {remark}'.encode('ascii'):
+                return
+    except FileNotFoundError:
+        return
+    except (OSError, EOFError, zlib.error):
+        pass  # whatever it is, it is none of ours
+    raise InputError(f'{path}: is there and does not begin with "# {remark}": expected a folder '
+                     'without recordings of that name; choose another --out')
 
 
 class CsvWriter:

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from pathlib import Path
 import re
 
-from piezo_stack_sim.atomic import write_text
+from piezo_stack_sim.atomic import note_input, write_text
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant.parameters.table import parameter_specs
 from piezo_stack_sim.plant.parameters.validation import device_from_mapping, shown
@@ -128,7 +128,7 @@ def _read(path):
         if path.stat().st_size > LARGEST:
             raise InputError(f'{path}: expected a parameter file, found more than 1 MB; '
                              'give the right file')
-        return path.read_text(encoding='utf-8')
+        return note_input(path).read_text(encoding='utf-8')
     except FileNotFoundError:
         raise InputError(f'{path}: no such file; check the path') from None
     except IsADirectoryError:
