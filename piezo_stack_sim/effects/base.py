@@ -111,6 +111,16 @@ class Effect:
                     return False
         return True
 
+    @property
+    def is_time(self) -> bool:
+        """Tell whether it is one time and nothing else, like a delay."""
+        return [parameter.unit for parameter in self.parameters] == ['s']
+
+    @property
+    def is_late(self) -> bool:
+        """Tell whether a time is what says how strong it is: a lag or a delay."""
+        return any(p.magnitude and p.unit == 's' for p in self.parameters)
+
     def typical(self) -> dict[str, float]:
         """Return the values of a catalogue-class set-up."""
         return {parameter.name: parameter.typical for parameter in self.parameters}

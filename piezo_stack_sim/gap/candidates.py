@@ -148,17 +148,13 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
                              [track.recording for track in fitter.evidence.tracks])
 
     def probe(job):
-        name, i = job
-        return i, _probe(fitter, name, places[name][i], nominal, shown)
+        name, place = job
+        return _probe(fitter, name, place, nominal, shown)
 
     progress('looking at every effect')
-    found: dict[str, dict[int, Probe]] = {name: {} for name in names}
-    for choose in (_coarse, _fine):
-        jobs = [(name, i) for name in names for i in choose(places[name], found[name])]
-        for i, probe_ in parallel(probe, jobs):
-            found[probe_.effect][i] = probe_
-    for name, looked_at in found.items():
-        search.probes[name] = [looked_at[i] for i in sorted(looked_at)]
+    search.probes.update({name: [] for name in names})
+    for probe_ in parallel(probe, [(name, place) for name in names for place in places[name]]):
+        search.probes[probe_.effect].append(probe_)
     swung = [p for name, probes in search.probes.items() if EFFECTS[name].swings
              for p in _distinct(probes)[:SWUNG_PLACES]]
     for probe_ in parallel(lambda p: _led(fitter, p, nominal), swung):
@@ -183,33 +179,10 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     return search
 
 
-def _coarse(places: list[Place], looked_at: Mapping[int, Probe]) -> Collection[int]:
-    """Return which places of an effect are looked at first: of a long ladder every third."""
-    return range(0, len(places), COARSE if _is_ladder(places) else 1)
-
-
-def _fine(places: list[Place], looked_at: Mapping[int, Probe]) -> Collection[int]:
-    """Return which others then: those of a ladder near the two that promise most."""
-    if not _is_ladder(places):
-        return []
-    best = sorted(looked_at, key=lambda i: -looked_at[i].order)[:PLACES]
-    near = {i + step for i in best for step in range(1 - COARSE, COARSE)}
-    return sorted(i for i in near if 0 <= i < len(places) and i not in looked_at)
-
-
-def _is_ladder(places: list[Place]) -> bool:
-    """Tell whether many places differ by one number alone, and each must be simulated."""
-    if len(places) < LONG or any(place.strengths for place in places):
-        return False
-    differing = [name for name in places[0].shape
-                 if len({place.shape[name] for place in places}) > 1]
-    return len(differing) == 1
-
-
 def times_of(names: Collection[str]) -> dict[str, str]:
     """Return those of some effects that are one time, like a delay, with the parameter's name."""
     return {name: EFFECTS[name].parameters[0].name for name in names
-            if [p.unit for p in EFFECTS[name].parameters] == ['s']}
+            if EFFECTS[name].is_time}
 
 
 def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndarray]]:
@@ -305,17 +278,30 @@ def tune(fitter: Fitter) -> Fit:
     return fit
 
 
-def _tune_as_best(fitter: Fitter, search: Search) -> None:
-    """Ask whether what the best found for the nominal parameters does without the effect."""
+def tune_as_best(fitter: Fitter, search: Search, near: float = np.inf) -> bool:
+    """
+    Ask whether what the best found for the nominal parameters does without the effect.
+
+    Not if at first it leaves ``near`` times what is known to do.
+
+    Returns
+    -------
+    bool
+        Whether it does more than was known.
+
+    """
     best = search.best
-    if search.nominal.cost - best.cost < WORTH:
-        return
+    known = search.nominal.cost
+    if known - best.cost < WORTH or near < np.inf and (
+            fitter.fit({}, best.phi, 0).cost > near * known):
+        return False
     alone = fitter.fit({}, best.phi, TUNING, anew=True)
     if alone.cost < search.nominal.cost:
         search.nominal = alone
         for name, fit in search.fits.items():
             if fit.cost > alone.cost:
                 search.fits[name] = _untouched(name, alone)
+    return known - search.nominal.cost > WORTH
 
 
 def _race(fitter: Fitter, search: Search, runners, steps: int) -> None:
@@ -359,7 +345,7 @@ def polish(fitter: Fitter, search: Search, best: list[str]) -> None:
         if fit.cost <= search.fits[name].cost:
             search.fits[name] = fit
     drop_idle(fitter, search)
-    _tune_as_best(fitter, search)
+    tune_as_best(fitter, search)
 
 
 def weigh_anew(fitter: Fitter, search: Search) -> tuple[Fitter, Search]:

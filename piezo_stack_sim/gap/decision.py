@@ -226,18 +226,23 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
     if search.bases:
         polish_pairs(fitter, search)
         wake_leading(fitter, search)
-    # What leaves hardly anything, or least, is asked what each of the two does alone.
-    least = leading_pairs(fitter, search, LEADING)
-    for name in [name for name in search.fits if '+' in name]:
-        left = 1.0 - removable.share(search.fits[name].residual)
-        if (not set(name.split('+')) <= set(search.bases)
-                and (name in least or left < thresholds.finishes * (1.0 - loudest.removed))):
-            add_pair(fitter, search, search.fits[name].effects, search.fits[name].phi)
+
+    def ask_alone(most: int, part: float) -> None:
+        # What leaves hardly anything, or least, is asked what each of the two does alone.
+        least = leading_pairs(fitter, search, most)
+        for name in [name for name in search.fits if '+' in name]:
+            left = 1.0 - removable.share(search.fits[name].residual)
+            if (not set(name.split('+')) <= set(search.bases)
+                    and (name in least or left < part * (1.0 - loudest.removed))):
+                add_pair(fitter, search, search.fits[name].effects, search.fits[name].phi)
+
+    ask_alone(LEADING, thresholds.finishes)
     search_mended(fitter, search, progress, names)
     for name in leading_pairs(fitter, search, 1):
         # A relative of who is certain only fills in its form: of that, another would do the same.
         if best.removed < thresholds.certain or not is_relative(best.name, name, alike.kin):
             exchange_alike(fitter, search, name, alike.resembling, progress)
+            ask_alone(1, 0.0)  # one of these may leave least
 
 
 def _hushed(fitter: Fitter, search: Search, judge: Judge, best: Ranked, t: Thresholds) -> bool:

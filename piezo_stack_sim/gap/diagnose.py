@@ -16,7 +16,7 @@ import time
 
 from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
-from piezo_stack_sim.gap.candidates import search_singles, weigh_anew
+from piezo_stack_sim.gap.candidates import search_singles, tune_as_best, weigh_anew
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
 from piezo_stack_sim.gap.document import build_document
@@ -31,6 +31,9 @@ from piezo_stack_sim.gap.terminals import look_at_terminals
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
+
+
+SIDE_VALLEY = 3.0  # cost of what may lead out of one, over that in it
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,9 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         search.merits[cut.pair].nats > thresholds.hint)
     if cut is None or cut.known and not told:
         search_pairs(fitter, search, judge, thresholds, progress, alike, cut)
+    # Beside a second effect one may have found its way out of a side valley of the parameters.
+    if tune_as_best(fitter, search, near=SIDE_VALLEY):
+        judge = judge_of(fitter, search)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)

@@ -107,7 +107,9 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.excused < pair.form < math.inf
             and pair.wrong < t.misformed and are_relatives(best, pair, kin)
-            and not are_alike_in_form(one, other)):
+            and not are_alike_in_form(one, other)
+            # A filter of two poles is a lag with a delay, whichever way one looks at it.
+            and not (EFFECTS[one].is_late and EFFECTS[other].is_late)):
         return False
     if (pair.excess < min(t.heard, t.tenth * best.excess) and pair.part > t.nearly_all
             and min(pair.second, 0.5 * pair.over) > t.second):
