@@ -40,8 +40,11 @@ FIRST_STEPS = 2  # Gauss-Newton steps after which the field is thinned
 RIVAL = 0.35  # part of the best fall of the cost that earns an effect the rest of its fit
 POLISHED, POLISHING = 3, 8  # effects that are fitted to the end, with so many steps more
 TUNING = 6  # Gauss-Newton steps of the nominal parameters alone
+ROUNDS, HELPS = 4, 2e-3  # of leading them past side valleys, and part of the cost that is worth one
 IDLE = 0.01  # part of what an effect explains that its strength must, not what shapes it
 SETTLED = 1.2  # mean square of a residual below which there is nothing more to fit
+ARRIVED = 1.05  # and below which no side valley of the parameters is left to come out of
+CONTENDS = 2.0  # cost, over that of the best, up to which an effect is led out of them
 
 
 @dataclass
@@ -269,12 +272,17 @@ def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
 
 def tune(fitter: Fitter) -> Fit:
     """Fit the nominal parameters alone, past side valleys that single break voltages make."""
-    fit = fitter.fit({}, steps=4)
-    if np.mean(fit.residual[fitter.rows] ** 2) > SETTLED:
-        wide = fitter.fit({}, steps=TUNING, anew=True, nudge=WIDE)
-        wide = fitter.fit({}, wide.phi, TUNING, anew=True, nudge=WIDE)
-        wide = fitter.fit({}, wide.phi, TUNING, anew=True)
-        fit = min(fit, wide, key=lambda fit: fit.cost)
+    return _past_valleys(fitter, fitter.fit({}, steps=4), TUNING)
+
+
+def _past_valleys(fitter: Fitter, fit: Fit, steps: int) -> Fit:
+    """Return a fit led on by derivatives over wide and narrow steps, as long as that helps."""
+    for _ in range(ROUNDS):
+        wide = fitter.fit(fit.effects, fit.phi, steps, anew=True, nudge=WIDE)
+        new = fitter.fit(wide.effects, wide.phi, steps, anew=True)
+        fall, fit = fit.cost - new.cost, min(fit, new, key=lambda fit: fit.cost)
+        if fall < HELPS * fit.cost:
+            break
     return fit
 
 
@@ -335,10 +343,10 @@ def polish(fitter: Fitter, search: Search, best: list[str]) -> None:
     def whole(name):
         fit = search.fits[name]
         fit = fitter.fit(fit.effects, fit.phi, POLISHING)
-        if name == worth[0] and np.mean(fit.residual[fitter.rows] ** 2) > SETTLED:
-            # Far from the nominal device its derivative there misleads.
-            better = fitter.fit(fit.effects, fit.phi, POLISHING, anew=True)
-            fit = better if better.cost < fit.cost else fit
+        near = fit.cost < CONTENDS * search.fits[worth[0]].cost
+        if near and np.mean(fit.residual[fitter.rows] ** 2) > ARRIVED:
+            # Far from the nominal device its derivative there misleads, as it does in a valley.
+            fit = _past_valleys(fitter, fit, POLISHING)
         return name, fit
 
     for name, fit in parallel(whole, worth):

@@ -192,8 +192,9 @@ def _by_all_rows(fitter: Fitter, search: Search, judge: Judge, removable: Remova
 
 
 def judge_of(fitter: Fitter, search: Search) -> Judge:
-    """Return who judges what was fitted: the best of it tells how many rows are independent."""
-    return Judge.from_residual(fitter.evidence, search.best.residual, search.nominal.residual)
+    """Return who judges what was fitted: the best effect tells how many rows are independent."""
+    best = search.fits[search.leading]
+    return Judge.from_residual(fitter.evidence, best.residual, search.nominal.residual)
 
 
 def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thresholds,
