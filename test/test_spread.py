@@ -86,7 +86,8 @@ def test_no_worker_goes_on_when_its_parent_was_killed(tmp_path):
 def test_a_device_that_cannot_be_diagnosed_does_not_stop_the_others(tmp_path):
     done = tmp_path / 'done'
     done.mkdir()
-    (done / 'diagnosis.json').write_text(json.dumps({'inputs': inputs_of([str(done)], 'no.yaml')}))
+    (done / 'diagnosis.json').write_text(json.dumps({
+        'verdict': 'NO_GAP', 'inputs': inputs_of([str(done)], 'no.yaml')}))
     jobs = [Job((str(tmp_path / name),), 'no.yaml', str(tmp_path / name))
             for name in ('first', 'done', 'second')]
     lines = {job.out: line for job, line in diagnose_many(jobs, workers=2)}

@@ -101,6 +101,15 @@ class Model:
     joint_terms: dict[str, float] = field(default_factory=dict)
     joint_maps: list[Callable] = field(default_factory=list)
 
+    @property
+    def settling(self) -> float:
+        """Return the time constant (s) with which the charge follows a command, stack aside."""
+        lag = 0.0
+        if self.source_state is not None and self.drive in ('voltage', 'shorted'):
+            lag = -1.0 / self.rates[self.source_state][self.source_state]
+        elastance = float(np.sum(self.maxwell_k)) + 1.0 / self.C
+        return lag + (self.output_resistance + self.internal_resistance) / elastance
+
     # -- verbs for the effects -------------------------------------------------
 
     def add_state(self, name: str, rate: Mapping[str, float], initial: float = 0.0) -> None:

@@ -4,52 +4,150 @@
 What a sensor is shown besides the linear part: what follows charge and force at once.
 
 A bow over the charge and a joint that closes are no linear states.  Row by row they are put
-through the lags of the sensor as what moves evenly between two rows (exact for that), and
-through what of its delay is shorter than a row.
+through the lags of the sensor, and through what of its delay is shorter than a row.  Between two
+rows they are taken to move as what drives them does: at once with the force, which is held, and
+with the charge as the driver lets it follow (exact for that).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
+
+INSTANT = 1e-9  # s
+
+
+class Course:
+    """
+    One displacement (m) that follows the outputs of the kernel at once, behind the lags.
+
+    Parameters
+    ----------
+    function : callable
+        Takes outputs (n, outputs), returns displacements (n,).
+    settling : float
+        Time constant (s) with which it moves after each row begins.
+    lags : sequence of float
+        Rate constants (1/s) of the sensor.
+
+    Attributes
+    ----------
+    trail : ndarray, shape (1 + 2 lags,)
+        What there is now (m), what the filter of each lag remembers, and what comes out of it.
+
+    """
+
+    def __init__(self, function: Callable, settling: float, lags: Sequence[float]) -> None:
+        self.function = function
+        self.settling = max(settling, INSTANT)
+        self.lags = tuple(lags)
+        self.trail = np.zeros(1 + 2 * len(self.lags))
+
+    def rest(self, out: np.ndarray, period: float) -> None:
+        """Let the lags rest at outputs (outputs,) of the kernel."""
+        value = float(self.function(out[None, :])[0])
+        self.trail[:] = value
+        for i, lag in enumerate(self.lags):
+            follows, _, then = self._weights(lag, period)
+            self.trail[1 + 2 * i] = value * float(then + follows)
+
+    def now(self, out: np.ndarray) -> float:
+        """Return what the sensor shows of it (m) at outputs (outputs,) of the kernel."""
+        return float(self.trail[-1] if self.lags else self.function(out[None, :])[0])
+
+    def follow(self, out: np.ndarray, period: float, late: float) -> np.ndarray:
+        """Do what :meth:`Shown.follow` does."""
+        from scipy.signal import lfilter
+        trail, values = self.trail, self.function(out)
+        before = np.concatenate([trail[:1], values[:-1]])
+        trail[0] = values[-1]
+        shown = before + self._moved(period - late, period) * (values - before)
+        for i, lag in enumerate(self.lags):
+            follows, now, then = map(float, self._weights(lag, period))
+            passed, trail[1 + 2 * i:2 + 2 * i] = lfilter(
+                [now, then], [1.0, -follows], values, zi=trail[1 + 2 * i:2 + 2 * i])
+            last = np.concatenate([trail[2 + 2 * i:3 + 2 * i], passed[:-1]])
+            trail[2 + 2 * i] = passed[-1]
+            follows, now, then = map(float, self._weights(lag, period - late))
+            shown = follows * last + now * shown + then * before
+            values, before = passed, last
+        return shown if late else values
+
+    def follow_irregular(self, out: np.ndarray, time: np.ndarray, delay: float, period: float
+                         ) -> np.ndarray:
+        """Do what :meth:`Shown.follow_irregular` does."""
+        gaps, times = np.diff(time), np.maximum(time[1:] - delay, time[0])
+        row = np.clip(np.searchsorted(time, times, side='right') - 1, 0, gaps.size - 1)
+        since = times - time[row]
+        values = np.concatenate([self.trail[:1], self.function(out)])
+        self.trail[0] = values[-1]
+        shown = values[row] + self._moved(since, gaps[row]) * (values[row + 1] - values[row])
+        for i, lag in enumerate(self.lags):
+            passed = [float(self.trail[2 + 2 * i])]
+            weights = np.column_stack(self._weights(lag, gaps)).tolist()
+            for (follows, now, then), one, other in zip(
+                    weights, values[:-1].tolist(), values[1:].tolist()):
+                passed.append(follows * passed[-1] + now * other + then * one)
+            follows, now, then = self._weights(lag, period)
+            self.trail[1 + 2 * i] = then * values[-1] + follows * passed[-1]
+            self.trail[2 + 2 * i] = passed[-1]
+            follows, now, then = self._weights(lag, np.maximum(since, INSTANT))
+            shown = follows * np.array(passed)[row] + now * shown + then * values[row]
+            values = np.array(passed)
+        return shown
+
+    def _moved(self, since, period):
+        """Return which part of its way in a row of a period (s) it has made some time (s) in."""
+        return np.expm1(-since / self.settling) / np.expm1(-period / self.settling)
+
+    def _weights(self, lag: float, period):
+        """Return what a lag (1/s) takes in a period (s) of itself, of now and of a row ago."""
+        follows, left = np.exp(-lag * period), np.exp(-period / self.settling)
+        fast = lag * self.settling
+        if abs(fast - 1.0) < 1e-6:
+            fast = 1.0 + 1e-6
+        behind = (left - follows) * fast / (fast - 1.0)
+        now = (1.0 - follows - behind) / (1.0 - left)
+        return follows, now, 1.0 - follows - now
 
 
 class Shown:
     """
-    What is shown besides the linear part (m), and what the lags remember of it.
+    All that is shown besides the linear part (m), and what the lags remember of it.
 
-    Attributes
+    Parameters
     ----------
-    trail : ndarray, shape (2 + lags,)
-        What there is now (m), what each lag remembers of it, and what is shown of it now.
+    courses : sequence of Course
+        Its parts.
 
     """
 
-    def __init__(self, functions: Iterable[Callable], lags: Iterable[float]) -> None:
-        self.functions = tuple(functions)
-        self.lags = tuple(lags)  # 1/s
-        self.trail = np.zeros(2 + len(self.lags))
+    def __init__(self, courses: Sequence[Course]) -> None:
+        self.courses = tuple(courses)
 
     def __bool__(self) -> bool:
-        return bool(self.functions)
+        return bool(self.courses)
 
-    def at(self, out: np.ndarray) -> np.ndarray:
-        """Return what there is (m), shape (n,), at outputs of the kernel (n, outputs)."""
-        return sum((function(out) for function in self.functions), np.zeros(len(out)))
+    @property
+    def trail(self) -> list[float]:
+        """Return what is remembered, as plain numbers."""
+        return [value for course in self.courses for value in course.trail.tolist()]
+
+    def restore(self, trail: Sequence[float]) -> None:
+        """Remember what :attr:`trail` told."""
+        numbers = iter(trail)
+        for course in self.courses:
+            course.trail[:] = [next(numbers) for _ in course.trail]
 
     def rest(self, out: np.ndarray, period: float) -> None:
         """Let the lags rest at outputs (outputs,) of the kernel."""
-        value = float(self.at(out[None, :])[0])
-        self.trail[:] = value
-        for i, lag in enumerate(self.lags):
-            follows, _, then = _weights(lag, period)
-            self.trail[1 + i] = value * (then + follows)
+        for course in self.courses:
+            course.rest(out, period)
 
     def now(self, out: np.ndarray) -> float:
         """Return what the sensor shows of it (m) at outputs (outputs,) of the kernel."""
-        return float(self.trail[-1] if self.lags else self.at(out[None, :])[0])
+        return sum(course.now(out) for course in self.courses)
 
     def follow(self, out: np.ndarray, period: float, late: float = 0.0) -> np.ndarray:
         """
@@ -57,39 +155,11 @@ class Shown:
 
         ``late`` is by how much less than a period a row shows what was before it (s).
         """
-        from scipy.signal import lfilter
-        trail, values = self.trail, self.at(out)
-        last, before = values[-1], trail[-1]
-        for i, lag in enumerate(self.lags):
-            follows, now, then = _weights(lag, period)
-            values, trail[1 + i:2 + i] = lfilter([now, then], [1.0, -follows], values,
-                                                 zi=trail[1 + i:2 + i])
-        trail[0], trail[-1] = last, values[-1]
-        if late:
-            earlier = np.concatenate([[before], values[:-1]])
-            values = values + late / period * (earlier - values)
-        return values
+        return sum((course.follow(out, period, late) for course in self.courses),
+                   np.zeros(len(out)))
 
     def follow_irregular(self, out: np.ndarray, time: np.ndarray, delay: float, period: float
                          ) -> np.ndarray:
         """Do the same at the rows ``time[1:]`` (s), all of it ``delay`` (s) late."""
-        values = np.concatenate([self.trail[:1], self.at(out)])
-        last = values[-1]
-        for i, lag in enumerate(self.lags):
-            followed = [float(values[0])]
-            for gap, one, other in zip(np.diff(time).tolist(), values[:-1].tolist(),
-                                       values[1:].tolist()):
-                follows, now, then = _weights(lag, gap)
-                followed.append(follows * followed[-1] + now * other + then * one)
-            follows, now, then = _weights(lag, period)
-            self.trail[1 + i] = then * last + follows * followed[-1]
-            values, last = np.array(followed), followed[-1]
-        self.trail[0], self.trail[-1] = self.at(out[-1:])[0], values[-1]
-        return np.interp(time[1:] - delay, time, values)
-
-
-def _weights(lag: float, period: float) -> tuple[float, float, float]:
-    """Return what a lag (rate constant, 1/s) takes of itself, of now and of a row ago."""
-    follows = math.exp(-lag * period)
-    part = -math.expm1(-lag * period) / (lag * period)
-    return follows, 1.0 - part, part - follows
+        return sum((course.follow_irregular(out, time, delay, period)
+                    for course in self.courses), np.zeros(len(out)))

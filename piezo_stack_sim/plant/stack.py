@@ -23,7 +23,7 @@ from piezo_stack_sim.plant.parameters import Device
 from piezo_stack_sim.plant.rest import Lead, rest
 from piezo_stack_sim.plant.samples import PlantState, Response, Sample
 from piezo_stack_sim.plant.sensors import disturb, disturbs
-from piezo_stack_sim.plant.shown import Shown
+from piezo_stack_sim.plant.shown import Course, Shown
 from piezo_stack_sim.plant.tables import Tables, TICK
 
 SETTLING = 5e-3  # s, after which a device that was led somewhere rests: a hundred times m/b
@@ -81,9 +81,10 @@ class Plant:
         self._command_lag, command_phase = _split_delay(model.command_delay, h)
         self._reading_lag, reading_phase = _split_delay(model.sensor_delay, h)
         self._reading_phase = reading_phase
-        self._shown = Shown([*(self._by_charge(f) for f in model.charge_maps),
-                             *(_by_force(f) for f in model.joint_maps)],
-                            model.reading_lags.values())
+        lags = tuple(model.reading_lags.values())
+        self._shown = Shown([
+            *(Course(self._by_charge(f), model.settling, lags) for f in model.charge_maps),
+            *(Course(_by_force(f), 0.0, lags) for f in model.joint_maps)])
         cuts = {command_phase, h - reading_phase, h} - {0.0}
         ends = sorted(cuts)
         starts = [0.0, *ends[:-1]]
@@ -139,7 +140,7 @@ class Plant:
         joint = sum(function(outputs[6]) for function in model.joint_maps)
         self._zero = np.array([reading + joint, outputs[2], 0.0 if led else outputs[2], 0.0])
         self._shown.rest(outputs, self.period)
-        reading += self._shown.trail[-1]
+        reading += self._shown.now(outputs)
         self._readings[:] = reading
         if led and (self._model.reading_maps or self._shown):
             self._zero[Z_SHOWN] = self._measure(
@@ -212,7 +213,7 @@ class Plant:
             self._memory.tolist(), self._commands.tolist(), self._readings.tolist(),
             self._zero.tolist(), self._out_of_range,
             _plain(self._random.bit_generator.state),
-            self._shown.trail.tolist() if self._shown else [])
+            self._shown.trail)
 
     def restore(self, state: PlantState) -> None:
         """
@@ -245,7 +246,7 @@ class Plant:
                 self._command_lag + 1, self._reading_lag):
             raise InputError('saved plant state: what is on its way through the delays does not '
                              'fit this device; use the same delays and sample period')
-        if len(state.shown) != (self._shown.trail.size if self._shown else 0):
+        if len(state.shown) != len(self._shown.trail):
             raise InputError('saved plant state: what the sensor is shown besides does not match '
                              'the effects of this device; use the same effects')
         blocks = np.array(state.blocks)
@@ -264,8 +265,7 @@ class Plant:
         self._readings = np.array(state.readings)
         self._zero = np.array(state.zero)
         self._out_of_range = bool(state.out_of_range)
-        if self._shown:
-            self._shown.trail[:] = state.shown
+        self._shown.restore(state.shown)
         if state.noise is not None:
             self._random.bit_generator.state = state.noise
 
@@ -291,7 +291,7 @@ class Plant:
         had_friction = self._system.ints[layout.I_FRICTION]
         commands, readings = self._commands, self._readings
         shown = readings[0] if readings.size else self._evaluate()[1]
-        had_shown, old_trail = bool(self._shown), self._shown.trail
+        trail = self._shown.trail
         self._configure(drive)
         system = self._system
         self._s = np.array([old.get(name, start) for name, start in
@@ -306,8 +306,8 @@ class Plant:
         self._flags[layout.F_LIMIT] = 0
         self._bring_in_line(source)
         self._commands = _resized(commands, self._command_lag + 1)
-        if had_shown and len(old_trail) == self._shown.trail.size:
-            self._shown.trail[:] = old_trail
+        if len(trail) == len(self._shown.trail):
+            self._shown.restore(trail)
         else:
             self._shown.rest(self._raw()[0], self.period)
         # A sensor that is later from now on shows what it shows until then.

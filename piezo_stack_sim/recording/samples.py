@@ -126,7 +126,7 @@ def _excited(recording):
     """Return the rows about a pulse of an input that rests otherwise: what answers is no spike."""
     excited = np.zeros(len(recording), dtype=bool)
     for values in (recording.command, recording.external_force):
-        finite = np.where(np.isfinite(values), values, np.nan)
+        finite = np.where(np.abs(values) < _ABSURD, values, np.nan)
         if np.isnan(finite).all():
             continue
         rest = np.nanmedian(finite)

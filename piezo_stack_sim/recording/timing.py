@@ -276,7 +276,7 @@ def _filled(recording, index, period):
     def fill(values):
         line = np.interp(every, index, values)
         smooth = short[_is_smooth(values, short)]
-        if not smooth.size:
+        if not smooth.size or not np.isfinite(values).all():
             return line
         from scipy.interpolate import CubicSpline
         gap = np.searchsorted(index, missing) - 1
