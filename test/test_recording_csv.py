@@ -151,6 +151,11 @@ def test_brackets_behind_a_mapped_column_give_its_unit(tmp_path):
         ['displacement=um'])).measured['displacement'][1] == pytest.approx(1e-13)
 
 
+def test_what_a_spreadsheet_writes_above_the_header_is_passed_over(tmp_path):
+    path = written(tmp_path, 'sep=;\r\n' + GOOD.replace(',', ';').replace('\n', '\r\n'))
+    assert read_csv(path).time.tolist() == read_csv(written(tmp_path, GOOD, 'b.csv')).time.tolist()
+
+
 @pytest.mark.parametrize('name, channel', [
     ('external_force(N)', 'external_force'), ('voltage_command(V)', 'command')])
 def test_a_unit_in_brackets_needs_no_blank_before_it(name, channel, tmp_path):
@@ -184,7 +189,7 @@ def test_a_unit_in_brackets_needs_no_blank_before_it(name, channel, tmp_path):
     (GOOD.replace('time', 'zeit\xe4').encode('latin-1'), ': row 1: not UTF-8'),
     (b'PK\x03\x04\0\0\0\0', ': not UTF-8'),
     ('# drive: sideways\n' + GOOD, ": drive: 'sideways': expected one of"),
-    (GOOD.replace('\n', '\r'), ': empty: expected a header and rows, each with a line end'),
+    (GOOD.replace('\n', '\r'), ': its lines end with CR alone, expected LF or CR LF'),
     ('x' * 2_000_000, ': a line of more than 1 MB'),
     (GOOD.replace('0.001', '"0.001'), ': row 3'),
     (GOOD.replace('displacement', 'charge_command').replace('\n0,0,0', '\n0,1,1'),

@@ -7,6 +7,7 @@ import gzip
 import io
 from itertools import chain
 import math
+import re
 import zlib
 
 import numpy as np
@@ -21,6 +22,7 @@ from piezo_stack_sim.recording.mapping import (
     boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
 
 _BLOCK = 1 << 22
+_SPREADSHEET = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # what tells Excel the separator
 _LONGEST_LINE = 1 << 20
 _MISSING = {'', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none'}
 _BROKEN = (EOFError, gzip.BadGzipFile, zlib.error)
@@ -75,6 +77,9 @@ class _Lines:
     def _decoded_start(self, block):
         if block.startswith((b'\xff\xfe', b'\xfe\xff')) or b'\0' in block[:4096]:
             raise InputError(f'{self.path}: not UTF-8 text: save it as UTF-8 (it may be UTF-16)')
+        if b'\r' in block and b'\n' not in block:
+            raise InputError(f'{self.path}: its lines end with CR alone, expected LF or CR LF: '
+                             "convert it, as with tr '\\r' '\\n'")
         return block[3:] if block.startswith(b'\xef\xbb\xbf') else block
 
 
@@ -99,13 +104,14 @@ class _Header:
             try:
                 line = block[position:end].decode('utf-8').strip()
             except UnicodeDecodeError as error:
-                raise InputError(f'{path}: row {number + 1}: not UTF-8 text') from error
+                raise InputError(f'{path}: row {number + 1}: not UTF-8 text: save it as '
+                                 'UTF-8') from error
             position, number = end + 1, number + 1
             if line.startswith('#'):
                 key, _, value = line[1:].partition(':')
                 if key.strip().lower() == 'drive':
                     self.drive = checked_drive(path, value)
-            elif line:
+            elif line and not _SPREADSHEET.fullmatch(line):
                 break
         else:
             raise InputError(f'{path}: empty: expected a header and rows')
