@@ -459,6 +459,14 @@ def test_a_constant_that_stands_for_no_answer_decides_no_unit(channel, constant)
         np.ptp(recording.measured[channel]), rel=0.01)
 
 
+def test_a_channel_of_one_value_where_it_has_any_is_checked_all_the_same():
+    recording = slow()
+    values = np.full(3000, np.nan)
+    values[::100] = 1e-6
+    passed, findings = checked(with_channel(recording, 'displacement', values))
+    assert 'displacement' not in passed[0].measured and findings
+
+
 def test_a_lone_number_among_the_inputs_that_nothing_answers_is_none():
     recording = slow()
     command, force = recording.command.copy(), np.zeros(3000)

@@ -93,9 +93,11 @@ def _stand_ins(values):
         if np.count_nonzero(finite) < _FEWEST_ROWS:
             break
         same = finite & (values == extreme(values[finite]))
-        if not _REPEATED <= np.count_nonzero(same) < _STAND_INS * values.size:
+        others = values[finite & ~same]
+        if others.size < _FEWEST_ROWS or not (
+                _REPEATED <= np.count_nonzero(same) < _STAND_INS * others.size):
             continue
-        low, high = np.percentile(values[finite & ~same], (1.0, 99.0))
+        low, high = np.percentile(others, (1.0, 99.0))
         away = abs(float(values[same][0]) - 0.5 * (low + high))
         if high > low and away > _SPIKE * (high - low):
             none |= same
