@@ -55,6 +55,12 @@ def tracked():
     return [name for name in done.stdout.splitlines() if (ROOT / name).is_file()]
 
 
+def test_nothing_is_tracked_outside_the_known_folders():
+    # What a scratch script left in the checkout goes along with everything that is added.
+    folders = {name.partition('/')[0] for name in tracked() if '/' in name}
+    assert folders <= {'.ci', 'config', 'doc', 'piezo_stack_sim', 'resource', 'test', 'tools'}
+
+
 def test_wheel_and_sdist_hold_what_the_package_reads(archives):
     sdist, wheel = archives
     with zipfile.ZipFile(wheel) as archive:

@@ -148,11 +148,8 @@ def check_unit(recording):
             time = (time - time[0]) * scale
             break
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    if 0.0 < step < _FASTEST:
-        raise refuse(recording, 0, f'rows are {step:.6g} s apart: time is hardly in s',
-                     'give its unit, as in --unit time=ms')
     mend = 'give its unit, as in --unit time=ms'
-    if step > _SLOWEST:
+    if step > _SLOWEST or 0.0 < step < _FASTEST:
         raise refuse(recording, 0, f'rows are {step:.6g} s apart: time is hardly in s', mend)
     if step > _SLOW:
         findings.append(found(recording, 0, NOTE, f'rows are {step:.6g} s apart',
