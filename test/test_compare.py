@@ -141,3 +141,12 @@ def test_an_offset_at_which_the_stack_stands_is_one_of_the_driver():
     told = compare_set(with_monitor(0.6, 0.0), Device.nominal())
     assert told['gap']['voltage']['over_noise'] > 50.0
     assert not any(finding['severity'] == 'repaired' for finding in told['preflight'])
+
+
+def test_no_share_is_told_of_a_band_that_no_recording_sees():
+    slow = RecordingSet('bench', tuple(
+        each.replace(time=0.01 * np.arange(len(each)), measured={
+            'voltage': 1.1 * each.measured['voltage']}) for each in with_monitor(0.0, 0.0)))
+    seen = compare_set(slow, Device.nominal())['where']['bands']
+    assert [row['low'] for row in seen] == [0.0, 1.0, 10.0]  # half the rate is 50 Hz
+    assert sum(row['share'] for row in seen) == pytest.approx(1.0)

@@ -284,8 +284,8 @@ def test_a_large_bag_is_thinned_out_and_keeps_its_commands(tmp_path):
     path = bag(tmp_path / 'run', ticks(600, 10**15))
     recording = read_bag(path, max_values=1800)
     assert recording.rows.tolist() == list(range(1, 601, 3))
-    # The command that acted from the kept sample on, not the one before the next kept sample.
-    assert recording.command[:-1].tolist() == [k + 1.0 for k in range(0, 597, 3)]
+    # The mean of the commands that acted from the kept sample on, until the next one.
+    assert recording.command[:-1].tolist() == [k + 2.0 for k in range(0, 597, 3)]
     assert recording.measured['voltage'].tolist() == [k + 0.5 for k in range(0, 600, 3)]
     assert any('one row in 3 was kept' in str(each) for each in recording.findings)
 

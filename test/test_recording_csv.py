@@ -228,6 +228,30 @@ def test_a_large_file_is_thinned_out_with_a_word(tmp_path):
     assert recording.time.tolist() == list(range(0, 1000, 4))
     assert recording.rows.tolist() == list(range(2, 1002, 4))
     assert 'one row in 4 was kept' in str(recording.findings[0])
+    # What was measured at the kept row, and the mean of the commands until the next.
+    assert recording.measured['voltage'].tolist() == list(range(0, 1000, 4))
+    assert recording.command.tolist() == [k + 1.5 for k in range(0, 1000, 4)]
+
+
+def test_a_file_thinned_out_over_many_blocks_keeps_means_and_rows(tmp_path):
+    count = 300_001
+    rows = ''.join(f'{k},{k % 7},{k}\n' for k in range(count))
+    path = written(tmp_path, 'time,voltage_command,voltage\n' + rows)
+    recording = read_csv(path, max_values=200_000)
+    step = 8
+    assert recording.time.tolist() == list(range(0, count, step))
+    commands = np.arange(count) % 7
+    assert recording.command[-1] == commands[-1]
+    assert recording.command[:-1] == pytest.approx(
+        commands[:-1].reshape(-1, step).mean(axis=1))
+    assert recording.rows.tolist() == list(range(2, count + 2, step))
+
+
+def test_a_step_in_a_row_that_was_dropped_acts_as_long_as_it_did(tmp_path):
+    rows = ''.join(f'{k},{10 * (k >= 501)},0\n' for k in range(1000))
+    recording = read_csv(written(tmp_path, 'time,voltage_command,voltage\n' + rows),
+                         max_values=900)
+    assert recording.command[124:128].tolist() == [0.0, 7.5, 10.0, 10.0]
 
 
 def test_a_file_longer_than_a_block_is_read_whole(tmp_path):

@@ -4,7 +4,7 @@
 
 import numpy as np
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.recording import preflight
+from piezo_stack_sim.recording import parse_units, preflight, read_csv, write_csv
 from piezo_stack_sim.recording.grid import find_grid
 import pytest
 from recorded import answered, DEVICE, pushed, set_of, slow, triangle, with_channel
@@ -388,6 +388,19 @@ def test_rows_in_milliseconds_are_not_taken_for_seconds():
     assert '--unit time=ms' in refusal(recording.replace(time=recording.time * 1e6))
     _, finding = mended(recording.replace(time=recording.time * 1e3))
     assert finding.startswith('note: ') and '--unit time=ms' in finding
+
+
+def test_rows_half_a_minute_apart_are_taken_if_the_unit_of_the_time_is_said(tmp_path):
+    recording = slow()
+    recording = recording.replace(time=30.0 * np.arange(len(recording)))
+    assert '--unit time=ms (or time=s)' in refusal(recording)
+    path = tmp_path / 'run.csv'
+    write_csv(recording, path)
+    said = read_csv(path, units=parse_units(['time=s']))
+    assert np.array_equal(checked(said)[0][0].time, recording.time)
+    headed = path.read_text().replace('time,', 'time [s],', 1)
+    path.write_text(headed)
+    assert np.array_equal(checked(read_csv(path))[0][0].time, recording.time)
 
 
 def test_a_few_missing_samples_are_filled_in():

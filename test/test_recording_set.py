@@ -64,6 +64,17 @@ def test_a_format_that_is_not_read_is_not_passed_over_in_silence(tmp_path):
     assert 'steps.mat: not a format that is read: convert it to CSV' in str(findings[0])
 
 
+def test_links_to_nothing_and_folders_with_the_name_of_a_file_are_named(tmp_path):
+    (tmp_path / 'run.csv').symlink_to(tmp_path / 'gone.csv')
+    with pytest.raises(InputError, match='run.csv is a link to .*gone.csv, which is not there'):
+        read_set(tmp_path)
+    (tmp_path / 'other.csv').mkdir()
+    (tmp_path / 'steps.csv').write_text('time,voltage_command,voltage\n0,0,0\n1,1,1\n')
+    told = [str(each) for each in read_set(tmp_path).findings]
+    assert any('run.csv: a link to' in each for each in told)
+    assert any('other.csv: a folder with the name of a file' in each for each in told)
+
+
 @pytest.mark.parametrize('make, complaint', [
     (lambda path: None, 'no such file or folder'),
     (lambda path: path.mkdir(), 'no recording in it: expected .csv'),

@@ -203,8 +203,8 @@ def _fractions(power: dict) -> dict:
 
 
 def by_band(evidence: Evidence, residual: np.ndarray) -> list[dict]:
-    """Return the fraction of the gap's power by frequency band (Hz)."""
-    power = np.zeros(len(BANDS) - 1)
+    """Return the fraction of the gap's power by frequency band (Hz), of those that were seen."""
+    power, highest = np.zeros(len(BANDS) - 1), 0.0
     for (i, _), where in zip(evidence.keys, spans(evidence)):
         track = evidence.tracks[i]
         series = residual[where]
@@ -212,6 +212,7 @@ def by_band(evidence: Evidence, residual: np.ndarray) -> list[dict]:
         spectrum[1:] *= 2.0
         frequency = np.fft.rfftfreq(series.size, track.recording.period * track.factor)
         band = np.digitize(frequency, BANDS) - 1
+        highest = max(highest, float(frequency[-1]))
         for b in range(power.size):
             inside = band == b
             # White noise of unit variance puts 1 (DC) or 2 into every line.
@@ -219,7 +220,7 @@ def by_band(evidence: Evidence, residual: np.ndarray) -> list[dict]:
     total = power.sum()
     return [{'low': low, 'high': None if math.isinf(high) else high,
              'share': float(value / total) if total > 0.0 else 0.0}
-            for low, high, value in zip(BANDS, BANDS[1:], power)]
+            for low, high, value in zip(BANDS, BANDS[1:], power) if low <= highest]
 
 
 def by_regime(evidence: Evidence, residual: np.ndarray) -> list[dict]:

@@ -11,6 +11,7 @@ from piezo_stack_sim.recording.finding import Finding, NOTE, shown
 from piezo_stack_sim.recording.recording import DRIVES, MEASURED, Recording
 
 COMMANDS = ('voltage_command', 'charge_command')
+INPUTS = (*COMMANDS, 'external_force')
 # 200 MB of float64: more than this is thinned out while reading.
 MAX_VALUES = 25_000_000
 _ENDINGS = ('.gz', '.csv', '.mcap', '.db3')
@@ -141,6 +142,7 @@ def thinned(source, kept, step):
     return Finding(
         source, None, NOTE,
         f'larger than {8 * MAX_VALUES / 1e6:.0f} MB of numbers: one row in {step} was kept, '
-        f'{kept} of them; what is faster than half their rate is folded',
+        f'{kept} of them, with the mean of the inputs until the next; what was measured and is '
+        'faster than half their rate is folded',
         'cut the file into shorter recordings to use every row',
     )

@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.recording.assemble import assemble, checked_drive, MAX_VALUES, thinned
+from piezo_stack_sim.recording.assemble import (
+    assemble, checked_drive, INPUTS, MAX_VALUES, thinned)
 from piezo_stack_sim.recording.bag_file import damaged_is_input_error, open_bag
 from piezo_stack_sim.recording.finding import Finding, NOTE, REPAIRED
 from piezo_stack_sim.recording.grid import find_grid
@@ -26,7 +27,6 @@ from piezo_stack_sim.recording.recording import MEASURED
 from piezo_stack_sim.recording.topics import choose_topics
 
 DRIVE_KEY = 'piezo_stack_sim.drive'
-_INPUTS = ('voltage_command', 'charge_command', 'external_force')
 # Before the first command the device is at rest; longer rest says nothing more.
 _REST = 0.1
 # Part of a channel's range that counts as none.
@@ -50,7 +50,7 @@ class _Stream:
 
 def _base_channel(source, sources):
     """Return the channel whose messages become the rows."""
-    commands = [name for name in _INPUTS[:2] if name in sources]
+    commands = [name for name in INPUTS[:2] if name in sources]
     measured = [name for name in MEASURED if name in sources]
     if not measured:
         if not commands:
@@ -65,8 +65,9 @@ class _Collector:
     """
     Rows built while the messages stream by, so that memory holds only what is kept.
 
-    Of every `step` messages of each topic one is kept. The inputs of a kept row are closed when
-    the base topic's next message arrives, kept or not.
+    Of every `step` messages of each topic one is kept. The inputs of a row are closed when the
+    base topic's next message arrives; those of a kept row are the mean of its own and of the
+    rows after it that are not kept, as they all act before the next kept row is sampled.
 
     """
 
@@ -78,8 +79,9 @@ class _Collector:
         for group in self.by_topic.values():
             # The base closes the row before anything else of the same message is taken in.
             group.sort(key=lambda each: each.channel != base)
-        self.held = dict.fromkeys((name for name in _INPUTS if name in sources), float('nan'))
+        self.held = dict.fromkeys((name for name in INPUTS if name in sources), float('nan'))
         self.inputs = {name: array('d') for name in self.held}
+        self.sums = dict.fromkeys(self.held, 0.0)
         self.streams = {name: _Stream() for name in sources if name in MEASURED or name == base}
         self.first_held = {}
         self.start = None
@@ -103,15 +105,26 @@ class _Collector:
                 stream.count += 1
 
     def _close(self):
-        """Give the last row the inputs that are in force now, if it was kept."""
+        """Give the last row the inputs that are in force now."""
         count = self.streams[self.base].count
-        if count and (count - 1) % self.step == 0:
-            for name, values in self.inputs.items():
-                values.append(self.held[name])
+        if count:
+            for name, value in self.held.items():
+                self.sums[name] += value
+            if count % self.step == 0:
+                self._keep(self.step)
+
+    def _keep(self, rows):
+        """Give the last kept row the mean of the inputs since."""
+        for name, values in self.inputs.items():
+            values.append(self.sums[name] / rows)
+            self.sums[name] = 0.0
 
     def finish(self):
         """Close the last row."""
         self._close()
+        rest = self.streams[self.base].count % self.step
+        if rest:
+            self._keep(rest)
 
 
 def _rate(arrival):
@@ -249,7 +262,7 @@ def _before_the_first(source, columns, rows, stream, held):
 
     """
     stamps = _stamps(stream)
-    command = next((name for name in _INPUTS[:2] if held.get(name)), None)
+    command = next((name for name in INPUTS[:2] if held.get(name)), None)
     if stamps is None or len(stamps) < 2 or command is None or np.isnan(held[command]):
         return columns, rows, []
     period = float(np.median(np.diff(stamps))) * 1e-9
@@ -317,7 +330,7 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
         columns[name], more = _join(source, name, stream, collector.streams[name])
         findings += more
     rows = 1 + step * np.arange(len(time))
-    for name in (each for each in _INPUTS[:2] if each in columns and _moves(columns[each])):
+    for name in (each for each in INPUTS[:2] if each in columns and _moves(columns[each])):
         columns, rows, more = _rest(source, columns, rows, name, units or {})
         findings += more
     columns, rows, more = _before_the_first(source, columns, rows, stream, collector.first_held)
@@ -331,7 +344,9 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
             columns[name] = columns[name] * factor
             findings.append(Finding(source, None, NOTE, f'{name} is multiplied by {factor:g}',
                                     'as --unit says'))
-    return assemble(source, columns, stated and checked_drive(source, stated), rows, findings)
+    recording = assemble(
+        source, columns, stated and checked_drive(source, stated), rows, findings)
+    return recording.replace(timed=True)
 
 
 def _moves(values):

@@ -15,13 +15,14 @@ import numpy as np
 from piezo_stack_sim.atomic import note_input
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.assemble import (
-    assemble, checked_drive, COMMANDS, MAX_VALUES, thinned,
+    assemble, checked_drive, COMMANDS, INPUTS, MAX_VALUES, thinned,
 )
 from piezo_stack_sim.recording.finding import Finding, NOTE, REPAIRED, shown
 from piezo_stack_sim.recording.mapping import (
     boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
 
 _BLOCK = 1 << 22
+_LOT = 1 << 16  # rows, which any step divides
 _SPREADSHEET = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # what tells Excel the separator
 _LONGEST_LINE = 1 << 20
 _MISSING = {'', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none'}
@@ -340,6 +341,62 @@ def _parse(path, data, first, header, columns):
     return _careful(path, data.split(b'\n')[:-1], numbers, header, columns), numbers
 
 
+class _Thinned:
+    """
+    Rows as they are read; of too many, every `step`-th with the mean of the inputs until the next.
+
+    An input holds from its row on: what acted until the next kept row is sampled is the mean.
+    """
+
+    def __init__(self, inputs, max_values):
+        self.step = 1
+        self._inputs, self._most = np.array(inputs), max_values
+        self._waiting, self._kept, self._count = [], [], 0
+
+    def take(self, values, rows):
+        """Take rows (n, channels) with their line numbers (n,)."""
+        if not len(rows):
+            return
+        self._waiting.append((values, rows))
+        if sum(len(each) for _, each in self._waiting) >= _LOT:
+            values, rows = self._all_waiting()
+            whole = len(rows) - len(rows) % _LOT
+            self._waiting = [(values[whole:], rows[whole:])]
+            self._keep(values[:whole], rows[:whole])
+
+    def finish(self):
+        """Return the rows kept (m, channels) and their line numbers (m,)."""
+        if self._waiting:
+            self._keep(*self._all_waiting())
+        if not self._kept:
+            return np.empty((0, self._inputs.size)), None
+        values, rows = zip(*self._kept)
+        return np.concatenate(values), np.concatenate(rows)
+
+    def _all_waiting(self):
+        values, rows = zip(*self._waiting)
+        return np.concatenate(values), np.concatenate(rows)
+
+    def _keep(self, values, rows):
+        self._kept.append(self._joined(values, rows, self.step))
+        self._count += len(self._kept[-1][1])
+        while self._count * self._inputs.size > self._most and self._count > 1:
+            values, rows = zip(*self._kept)
+            self._kept = [self._joined(np.concatenate(values), np.concatenate(rows), 2)]
+            self._count, self.step = len(self._kept[0][1]), 2 * self.step
+
+    def _joined(self, values, rows, step):
+        kept = values[::step].copy()
+        starts = np.arange(0, len(values), step)
+        if step > 1 and starts.size:
+            given = values[:, self._inputs]
+            there = np.isfinite(given)
+            count = np.add.reduceat(there, starts, dtype=float)
+            count[count == 0.0] = np.nan
+            kept[:, self._inputs] = np.add.reduceat(np.where(there, given, 0.0), starts) / count
+        return kept, rows[::step]
+
+
 def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
     """
     Read one CSV file.
@@ -359,7 +416,8 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
     units : dict of str to float, optional
         From `parse_units`.
     max_values : int
-        Numbers to keep at most; of a larger file every m-th row is kept.
+        Numbers to keep at most; of a larger file every m-th row is kept, with the mean of the
+        inputs that act before the next one.
 
     Returns
     -------
@@ -380,18 +438,12 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
         raise InputError(f'{path}: empty: expected a header and rows, each with a line end')
     header = _Header(path, first)
     columns = _Columns(path, header, mapping or {}, units or {})
-    parts, numbers, line, seen, kept, step = [], [], header.row + 1, 0, 0, 1
+    line = header.row + 1
+    thinned_out = _Thinned([each in INPUTS for each in columns.index], max_values)
     for block in chain([header.rest] if header.rest else [], blocks):
-        values, rows = _parse(path, block, line, header, columns)
+        thinned_out.take(*_parse(path, block, line, header, columns))
         line += block.count(b'\n')
-        chosen = slice(-seen % step, None, step)
-        seen += len(rows)
-        parts.append(values[chosen])
-        numbers.append(rows[chosen])
-        kept += len(parts[-1])
-        while kept * values.shape[1] > max_values and kept > 1:
-            parts, numbers = [np.concatenate(parts)[::2]], [np.concatenate(numbers)[::2]]
-            kept, step = len(parts[0]), 2 * step
+    table, rows = thinned_out.finish()
     findings = list(columns.findings)
     if header.decimal == ',':
         findings.append(Finding(path, None, NOTE, 'decimals are written with a comma'))
@@ -399,12 +451,11 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
         findings.append(Finding(
             path, int(line), REPAIRED, 'the last row has no line end, it may have been cut',
             'it is left out'))
-    if step > 1:
-        findings.append(thinned(path, kept, step))
-    table = np.concatenate(parts) if parts else np.empty((0, len(columns.index)))
+    if thinned_out.step > 1:
+        findings.append(thinned(path, len(table), thinned_out.step))
     read = {
         channel: table[:, j] * columns.scale.get(channel, 1.0)
         for j, channel in enumerate(columns.index)
     }
-    rows = np.concatenate(numbers) if numbers else None
-    return assemble(path, read, header.drive, rows, findings)
+    recording = assemble(path, read, header.drive, rows, findings)
+    return recording.replace(timed='time' in columns.scale)

@@ -38,17 +38,31 @@ def _entries(folder):
     found = [path for path in paths if (path.is_file() and _is_table(path)) or is_bag(path)]
     foreign = [path for path in paths
                if path.is_file() and path.suffix.lower() in _FOREIGN and path not in found]
+    # By their names they are recordings: links to nothing, folders.
+    odd = [path for path in paths if path not in found
+           and path.name.lower().endswith((*_TABLES, *FILE_ENDINGS))]
     if not found:
-        inner = [path.name for path in paths if path.is_dir()]
-        if inner:
+        inner = [path.name for path in paths if path.is_dir() and path not in odd]
+        if odd and not inner:
+            mend = f'{odd[0].name} is {_unreadable(odd[0])}'
+        elif inner:
             mend = f'give one of its folders ({", ".join(inner[:4])}{", ..." * (len(inner) > 4)})'
         else:
             mend = 'expected .csv, .csv.gz, .mcap or .db3 files or rosbag2 folders'
         raise InputError(f'{folder}: no recording in it: {mend}')
-    return found, [
-        Finding(str(path), None, NOTE, 'not a format that is read', 'convert it to CSV')
-        for path in foreign
+    findings = [Finding(str(path), None, NOTE, 'not a format that is read', 'convert it to CSV')
+                for path in foreign]
+    return found, findings + [
+        Finding(str(path), None, NOTE, _unreadable(path), 'passed over: mend or remove it')
+        for path in odd
     ]
+
+
+def _unreadable(path):
+    """Return why what has the name of a recording is none."""
+    if path.is_symlink() and not path.exists():
+        return f'a link to {os.readlink(path)}, which is not there'
+    return 'a folder with the name of a file' if path.is_dir() else 'not a file'
 
 
 def _files(path):

@@ -75,6 +75,8 @@ class Recording:
         first row, where charge and displacement count from; preflight tells.
     before : tuple of float
         Voltages (V) that it had been led to before that, if it was not relaxed.
+    timed : bool
+        Whether the unit of the times is known, and not just taken to be seconds.
     unsure : dict of str to float
         Channel to the standard deviation (SI units) of what noise left in the inputs may make of
         its simulation.
@@ -101,6 +103,7 @@ class Recording:
     start: tuple[float, float] = (0.0, 0.0)
     before: tuple[float, ...] = ()
     unsure: dict[str, float] = field(default_factory=dict)
+    timed: bool = False
 
     def __post_init__(self):
         """Turn what was given into read-only vectors of one length."""

@@ -148,10 +148,10 @@ def check_unit(recording):
             time = (time - time[0]) * scale
             break
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    mend = 'give its unit, as in --unit time=ms'
-    if step > _SLOWEST or 0.0 < step < _FASTEST:
+    mend = 'give its unit, as in --unit time=ms (or time=s)'
+    if (step > _SLOWEST and not recording.timed) or 0.0 < step < _FASTEST:
         raise refuse(recording, 0, f'rows are {step:.6g} s apart: time is hardly in s', mend)
-    if step > _SLOW:
+    if step > _SLOW and not recording.timed:
         findings.append(found(recording, 0, NOTE, f'rows are {step:.6g} s apart',
                               f'if time is not in s, {mend}'))
     if time[0] != 0.0:
