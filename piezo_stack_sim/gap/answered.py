@@ -72,7 +72,7 @@ def _answered(track: Track, charge: np.ndarray) -> tuple[float, float]:
     wrong = recording.measured['charge'] - charge
     wrong = wrong - wrong.mean()
     change = np.diff(recording.command, prepend=recording.command[0])
-    rows = int(np.clip(round(SOON / recording.period), *ROWS))
+    rows = min(int(np.clip(round(SOON / recording.period), *ROWS)), max(wrong.size // 4, 1))
     answers = np.column_stack([np.concatenate([np.zeros(late), change[:change.size - late]])
                                for late in range(rows)])
     fitted = np.zeros(wrong.size, dtype=bool)

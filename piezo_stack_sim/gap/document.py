@@ -87,7 +87,8 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
                                     [search.correction(ranked.name).residual
                                      for ranked in (*decision.singles, *decision.pairs)]),
         'remaining': {'gap': gap_part(evidence, after),
-                      'structured': judge.structure(chosen.residual) > thresholds.excess},
+                      'structured': verdict.word != 'NO_GAP' and bool(
+                          judge.structure(chosen.residual) > thresholds.excess)},
         'next_experiment': None,
         'warnings': _warnings(chosen, verdict, decision.singles, thresholds,
                               fitter.nuisance.scale_free),
@@ -120,7 +121,7 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
         else:
             suspect = suspect or suspect_heat(course) or suspect_charge(fitter, cuts)
     last = where.last_cut(verdict.selected, singles[0].name, evidence.channels)
-    if suspect:
+    if suspect and suspect.block in where.spanned_last(evidence.channels):
         last = suspect.block
     elif verdict.block in where.BEHIND_CHARGE:
         last = verdict.block
@@ -191,7 +192,7 @@ def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thr
                      'less')
     notes += [f'{EFFECTS[name].twin} does the same as {words(name)}: rule it out'
               for name in verdict.selected if EFFECTS[name].twin]
-    if fit.line is not None and len(fit.line.phases) > 1:
+    if fit.line is not None and fit.line.is_unsteady:
         notes.append(f'the phase of {TONE} is another in every recording: a corrected device '
                      'swings as much, but not in step with the real one')
     for free in fit.stuck:

@@ -24,21 +24,34 @@ from piezo_stack_sim.recording.recording import Recording
 
 USUAL_NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
 MOST = 5  # tied causes that are compared
+HIGHEST = 90.0  # V that the profiles reach, if the device may be given as much
 AVERAGE = 10  # rows averaged, as a slow difference is what noise cannot hide
 
 
-def profiles() -> list[tuple[str, dict, Recording]]:
-    """Return the experiments there are to choose from: profile, settings, commands."""
-    return [
-        ('triangle', {'peaks': [30.0, 60.0, 90.0], 'frequency': 10.0}, programmes.triangle()),
-        ('triangle', {'peaks': [20.0, 90.0], 'frequency': 1.0, 'rate': 1000.0},
-         programmes.triangle(peaks=(20.0, 90.0), frequency=1.0, rate=1000.0)),
-        ('triangle', {'peaks': [90.0], 'frequency': 100.0, 'rate': 20000.0},
-         programmes.triangle(peaks=(90.0,), frequency=100.0, cycles=4, rate=20e3)),
-        ('steps', {'hold': 20.0}, programmes.steps(hold=20.0, rate=200.0)),
-        ('multisine', {'band': [20.0, 5000.0]}, programmes.multisine()),
-        ('force', {'squeeze': 120.0}, programmes.force()),
+def profiles(limit: float = HIGHEST) -> list[tuple[str, dict, Recording]]:
+    """
+    Return the experiments there are to choose from: profile, settings, commands.
+
+    Parameters
+    ----------
+    limit : float
+        Highest voltage (V) that the device may be given.
+
+    """
+    def volts(*levels):
+        return [level * min(1.0, limit / HIGHEST) for level in levels]
+
+    chosen = [
+        ('triangle', {'peaks': volts(30.0, 60.0, 90.0), 'frequency': 10.0, 'rate': 10e3}),
+        ('triangle', {'peaks': volts(20.0, 90.0), 'frequency': 1.0, 'rate': 1000.0}),
+        ('triangle', {'peaks': volts(90.0), 'frequency': 100.0, 'cycles': 4, 'rate': 20e3}),
+        ('steps', {'levels': volts(0.0, 60.0, 20.0, 80.0, 10.0), 'hold': 20.0, 'rate': 200.0}),
+        ('multisine', {'bias': volts(40.0)[0], 'peak': volts(6.0)[0], 'band': [20.0, 5000.0],
+                       'rate': 50e3}),
+        ('force', {'bias': volts(40.0)[0], 'squeeze': 120.0, 'rate': 10e3}),
     ]
+    return [(profile, settings, programmes.PROGRAMMES[profile](**settings))
+            for profile, settings in chosen]
 
 
 def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | None:
@@ -66,7 +79,7 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
              for c in CHANNELS}
     have = evidence.channels
     candidates = []
-    for profile, settings, recording in profiles():
+    for profile, settings, recording in profiles(fitter.device.actuator.voltage_range[1]):
         answers = parallel(lambda d, r=recording: simulate_channels(d, r), devices)
         for extra in (None, *(c for c in CHANNELS if c not in have)):
             channels = have if extra is None else (*have, extra)
@@ -83,11 +96,14 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
 
 
 def _entry(separation, profile, settings, extra, told) -> dict:
-    words = ' '.join(f'--{key} {" ".join(map(str, value)) if isinstance(value, list) else value}'
-                     for key, value in settings.items())
+    words = ' '.join(
+        f'--{key} ' + ' '.join(f'{each:g}' for each in (
+            value if isinstance(value, list) else [value]))
+        for key, value in settings.items())
     besides = f', {extra} measured besides' if extra else ''
     return {'profile': profile, 'settings': settings, 'add_channel': extra, 'separates': told,
-            'separation': float(separation), 'command': f'piezo_stack excite {profile} {words}',
+            'separation': float(separation),
+            'command': f'piezo_stack excite {profile} {words} --out next_{profile}',
             'why': f'the two closest of the tied causes then differ by {separation:.1f} times '
                    f'the noise{besides}'}
 

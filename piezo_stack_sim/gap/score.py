@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
+from piezo_stack_sim.gap.evidence import Evidence, STRETCHES, Track
 from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.lens import Cells
 from piezo_stack_sim.gap.noise import integrated_correlation
@@ -107,12 +107,25 @@ class Judge:
         for k, ((i, _), where) in enumerate(zip(self.evidence.keys, spans(self.evidence))):
             withheld = ~self.evidence.tracks[i].fitted
             new, old = residual[where][withheld] ** 2, reference[where][withheld] ** 2
-            scale = max(float(np.mean(new)), 0.3) + self.forgiven[k]
-            pieces = np.array_split((old - new) / scale, max(2, STRETCHES // 2))
+            # What the logarithm of each mean changes by with its rows.
+            each = [square / (max(float(np.mean(square)), 0.3) + self.forgiven[k])
+                    for square in (old, new)]
+            pieces = np.array_split(each[0] - each[1], max(2, STRETCHES // 2))
             parts.append(0.5 * self.weights[k] / new.size * np.array([p.sum() for p in pieces]))
         total = np.sum(parts, axis=0)
         error = float(np.std(total, ddof=1) * math.sqrt(total.size))
         return self.score(residual) - self.score(reference), error
+
+
+def without_zero(track: Track, channel: str, weighted: np.ndarray) -> np.ndarray:
+    """
+    Return weighted residuals (m,) as errors in SI units, without what an unknown zero hides.
+
+    That of charge and displacement is the first row; that of the voltage is none of a sensor.
+    """
+    if channel == 'voltage':
+        return track.errors(channel, weighted)
+    return track.sigma[channel] * (weighted - weighted.mean())
 
 
 def channel_power(evidence: Evidence, residual: np.ndarray, fitted: bool | None = False,
@@ -121,14 +134,15 @@ def channel_power(evidence: Evidence, residual: np.ndarray, fitted: bool | None 
     Return the mean square residual of every channel in SI units squared.
 
     ``fitted`` False takes the withheld rows, True the fitted ones, None all.
-    ``centred`` leaves out the mean of each track, which the zero of a sensor hides.
+    ``centred`` leaves out the mean of each track where the zero of a sensor hides it.
     """
     totals: dict[str, list[float]] = {}
     for (i, channel), where in zip(evidence.keys, spans(evidence)):
         track = evidence.tracks[i]
         rows = slice(None) if fitted is None else track.fitted == fitted
-        error = residual[where] * track.sigma[channel]
-        square = (error - error.mean() if centred else error)[rows] ** 2
+        error = (without_zero(track, channel, residual[where]) if centred
+                 else residual[where] * track.sigma[channel])
+        square = error[rows] ** 2
         entry = totals.setdefault(channel, [0.0, 0.0])
         # Averaged rows stand for as many as they hold; their noise is that of the average.
         entry[0] += float(np.sum(square))

@@ -26,6 +26,7 @@ HARMONICS = (1, 2)
 SLOWEST = 4.0  # periods that a recording must hold to tell the amplitude
 PEAKS = 4  # peaks of each spectrum that are looked at more closely
 FINE = 400  # places between two lines of the longest recording's spectrum
+STEADY = 0.2  # rad by which phases may differ and count as alike, and part of an amplitude
 SHARP = 0.1  # of a line of the longest recording's spectrum: how exact a frequency ends
 ANGLES = 2.0 * np.pi * np.arange(360) / 360.0  # phases tried where hardly a period is held
 
@@ -42,6 +43,13 @@ class Line:
     frequency: float
     amplitudes: np.ndarray
     phases: dict[int, np.ndarray]
+
+    @property
+    def is_unsteady(self) -> bool:
+        """Tell whether its phase differs from recording to recording."""
+        waves = np.exp(1j * np.array(list(self.phases.values())))
+        strays = np.abs(waves - waves.mean(axis=0)).max(axis=0)
+        return bool((strays[self.amplitudes > STEADY * self.amplitudes.max()] > STEADY).any())
 
     def values(self, recording: int = 0) -> dict[str, float]:
         """Return the parameters of the effect, with the phases of one recording or the first."""

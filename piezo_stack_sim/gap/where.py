@@ -5,9 +5,12 @@ Where the gap is: the model cut at its ports, then records, bands and regimes.
 
 Each block is driven by what was *measured* before it.  The drive is compared by
 its voltage; the electrical block gets the measured voltage if that differs from
-the simulated one; what follows gets the measured charge, through the linear
-second-order path from charge to displacement (Eqs. 11, 14 and 15 of the paper).
-So one block's error does not leak into the next.
+the simulated one, and the measured displacement, which takes charge, too; what
+follows gets the measured charge, through the linear second-order path from charge
+to displacement (Eqs. 11, 14 and 15 of the paper).  So one block's error does not
+leak into the next.  A sensor that reads wrong leaks into what it drives: where the
+displacement is wrong by itself, the electrical block with the displacement as
+measured or as simulated counts, whichever is quieter.
 """
 
 from __future__ import annotations
@@ -19,15 +22,20 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.apart import gain_per_charge, moved_by_charge
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.gap.forward import spans
-from piezo_stack_sim.gap.voltage import MeasuredVoltage
+from piezo_stack_sim.gap.evidence import Evidence, Track
+from piezo_stack_sim.gap.forward import simulate_channels, spans
+from piezo_stack_sim.gap.noise import integrated_correlation
+from piezo_stack_sim.gap.voltage import above_noise, MeasuredVoltage
 from piezo_stack_sim.plant import Device
+from piezo_stack_sim.recording.recording import Recording
 
 BEHIND_CHARGE = ('transducer', 'mechanical', 'environment', 'sensor')
 BANDS = (0.0, 1.0, 10.0, 100.0, 1000.0, math.inf)
 # Cuts, and how they are named: a charge drive ends at the charge.
-CUTS = {'drive': 'drive', 'charged': 'drive', 'electrical': 'electrical', 'behind': 'behind'}
+CUTS = {'drive': 'drive', 'charged': 'drive', 'electrical': 'electrical', 'across': 'electrical',
+        'behind': 'behind'}
+ITSELF = 0.1  # power of what is wrong behind the charge, against that before it, that is some
+UNCOUPLED = 1e-9  # of the ratio of a stack whose displacement takes no charge
 LOUD = 1.15  # rms over noise from which a block counts as wrong
 CLEARLY = 2.0  # and from which nobody doubts it
 
@@ -53,8 +61,9 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
     list of dict
         ``drive`` (or ``charged``, of a charge drive), ``electrical`` and ``behind`` where the
         channels allow, each a pair of the residual (m, averaged rows) and the rms of its
-        noise (m); beside them ``through``, the displacement against the voltage, charge passed
-        over.
+        noise (m); ``across``, the voltage against the charge, where that is driven or held;
+        beside them ``through``, the displacement against the voltage, charge passed over, and
+        ``given``, the charge against the voltage and the measured displacement.
 
     """
     gain = gain_per_charge(device)
@@ -85,13 +94,78 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
             if has('charge'):
                 if recording.drive == 'voltage':
                     out['through'] = (track.unbiased('displacement', track.average(wrong)), noise)
+                    out['given'] = _given(track, behind or device, answer, gain)
                 given = recording.measured['charge'] - answer['charge']
                 wrong = wrong - moved_by_charge(device, given, recording.period)
                 noise = math.hypot(noise, gain * track.sigma['charge'])
             out['behind'] = (track.unbiased('displacement', track.average(wrong)), noise)
+        if recording.drive in ('charge', 'open') and has('voltage'):
+            out['across'] = _across(track, behind or device, answer, per_volt)
         return out
 
     return parallel(one, range(len(evidence.tracks)))
+
+
+def _given(track: Track, device: Device, answer: dict, gain: float) -> tuple[np.ndarray, float]:
+    """
+    Return what is wrong with the charge if the stack moved as was measured, as displacement (m).
+
+    A stack that cannot move takes the charge of one that does, at a voltage that is higher by what
+    the displacement induces: q = T x + C (v - v_rc) (Eqs. 11 and 12 of the paper).
+    """
+    recording, actuator = track.recording, device.actuator
+    change = np.zeros(len(recording))
+    moved = recording.measured['displacement'] - answer['displacement']
+    noise = track.zero['displacement']
+    if np.sqrt(np.mean(track.unbiased('displacement', track.average(moved)) ** 2)) > (
+            LOUD * track.sigma['displacement']):
+        clamped = device.replace(effects={}, actuator=actuator.replace(
+            transformer_ratio=UNCOUPLED * actuator.transformer_ratio))
+        induced = actuator.transformer_ratio / actuator.linear_capacitance
+        moved = answer['displacement'] + above_noise(moved, noise)
+        taken = [_charge(clamped, recording, answer['voltage'] + induced * displacement)
+                 for displacement in (moved, answer['displacement'])]
+        change = taken[0] - taken[1]
+    wrong = track.unbiased('charge', track.measured['charge']
+                           - track.average(answer['charge'] + change))
+    return wrong * gain, track.sigma['charge'] * gain
+
+
+def _charge(device: Device, recording: Recording, voltage: np.ndarray) -> np.ndarray:
+    """Return the charge (C) that a voltage (V) at the rows brings, (n,)."""
+    # What is there at a row was commanded in the one before it.
+    command = np.append(voltage[1:], voltage[-1])
+    return simulate_channels(device, Recording(
+        recording.name, recording.time, 'voltage', command))['charge']
+
+
+def _across(track: Track, device: Device, answer: dict, per_volt: float
+            ) -> tuple[np.ndarray, float]:
+    """
+    Return what is wrong with the voltage over a charge that is driven or held, as displacement.
+
+    Driven by the measured charge and displacement where these are wrong.
+    """
+    recording, has = track.recording, track.measured.__contains__
+    expected = answer['voltage']
+
+    def wrong_by(channel):
+        return above_noise(recording.measured[channel] - answer[channel], track.zero[channel])
+
+    if recording.drive == 'charge' and has('charge'):
+        missed = wrong_by('charge')
+        if missed.any():
+            ideal = device.replace(effects={})
+            command = recording.command + np.append(missed[1:], missed[-1])
+            expected = expected + (
+                simulate_channels(ideal, recording.replace(command=command))['voltage']
+                - simulate_channels(ideal, recording)['voltage'])
+    if has('displacement'):
+        actuator = device.actuator
+        expected = expected - wrong_by('displacement') * (
+            actuator.transformer_ratio / actuator.linear_capacitance)
+    wrong = track.unbiased('voltage', track.measured['voltage'] - track.average(expected))
+    return wrong * per_volt, track.sigma['voltage'] * per_volt
 
 
 def _gain_per_volt(evidence, simulated) -> float:
@@ -119,14 +193,19 @@ def last_cut(causes: Sequence[str], suspect: str, channels: Collection[str]) -> 
         Measured channels.
 
     """
-    spanned: tuple[str, ...] = BEHIND_CHARGE
-    if 'charge' not in channels:
-        spanned = ('electrical', *spanned)
-        if 'voltage' not in channels:
-            spanned = ('drive', *spanned)
+    spanned = spanned_last(channels)
     blocks = [b for b in (EFFECTS[name].block for name in causes) if b in spanned]
     blocks += [b for b in (EFFECTS[suspect].block,) if b in BEHIND_CHARGE]
     return blocks[0] if blocks else None
+
+
+def spanned_last(channels: Collection[str]) -> tuple[str, ...]:
+    """Return the blocks that the last cut spans: those behind the last measured port."""
+    if 'charge' in channels:
+        return BEHIND_CHARGE
+    if 'voltage' in channels:
+        return ('electrical', *BEHIND_CHARGE)
+    return ('drive', 'electrical', *BEHIND_CHARGE)
 
 
 def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tuple[dict, dict]:
@@ -136,9 +215,13 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
     ``last`` is the block that the last cut is named after, ``channels`` are the
     measured ones.
     """
-    begins = {'drive': 'command', 'charged': 'command', 'electrical': 'voltage', 'behind': next(
-        (port for port in ('charge', 'voltage') if port in channels), 'command')}
-    ends = {'drive': 'voltage', 'charged': 'charge', 'electrical': 'charge',
+    cuts = _quieter(cuts)
+    begins = {'drive': 'command', 'charged': 'command',
+              'electrical': 'voltage' if 'voltage' in channels else 'command',
+              'across': 'charge' if 'charge' in channels else 'command',
+              'behind': next((port for port in ('charge', 'voltage') if port in channels),
+                             'command')}
+    ends = {'drive': 'voltage', 'charged': 'charge', 'electrical': 'charge', 'across': 'voltage',
             'behind': 'displacement'}
     named = {**CUTS, 'behind': last or 'mechanical'}
     ports: dict[str, tuple[str, str]] = {}
@@ -152,8 +235,8 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
             power[block] = power.get(block, 0.0) + max(square - (LOUD * noise) ** 2, 0.0)
     fractions = _fractions(power)
     blocks = {}
-    for block, (ratio, count) in _over_noise(cuts, named).items():
-        half = 1.96 * ratio * math.sqrt(1.0 / (2.0 * 50.0 * count))
+    for block, (ratio, independent) in _over_noise(cuts, named).items():
+        half = 1.96 * ratio / math.sqrt(2.0 * max(independent, 2.0))
         blocks[block] = {'over_noise': ratio, 'ci': [max(ratio - half, 0.0), ratio + half],
                          'from': [ports[block][0]], 'to': ports[block][1]}
     return fractions, blocks
@@ -170,19 +253,35 @@ def is_driver_loudest(cuts: Sequence[dict]) -> bool:
     return ratios.get('drive', 0.0) > CLEARLY and max(ratios, key=ratios.__getitem__) == 'drive'
 
 
-def _over_noise(cuts: Sequence[dict], named: Mapping[str, str]) -> dict[str, tuple[float, int]]:
+def _quieter(cuts: Sequence[dict]) -> list[dict]:
+    """Return cuts with the displacement that leaves least of the electrical, as a whole."""
+    def excess(name):
+        return sum(max(float(np.mean(wrong ** 2)) - (LOUD * noise) ** 2, 0.0)
+                   for wrong, noise in (cut[name] for cut in cuts if 'given' in cut))
+
+    before = excess('electrical')
+    if excess('behind') > ITSELF * before and excess('given') < before:
+        cuts = [{**cut, 'electrical': cut['given']} if 'given' in cut else cut for cut in cuts]
+    return list(cuts)
+
+
+def _over_noise(cuts: Sequence[dict], named: Mapping[str, str]
+                ) -> dict[str, tuple[float, float]]:
     """
-    Return the gap of every cut over its noise, rms over the recordings, and their number.
+    Return the gap of every cut over its noise, rms over the recordings, and independent rows.
 
     By what each is ``named``: a cut may be named like another.
     """
     loud: dict[str, list[float]] = {}
+    rows: dict[str, float] = {}
     for cut in cuts:
         for name in (name for name in CUTS if name in cut):
             wrong, noise = cut[name]
             square = float(np.mean(wrong ** 2))
             loud.setdefault(named[name], []).append(square / max(noise, 1e-30) ** 2)
-    return {name: (math.sqrt(np.mean(squares)), len(squares)) for name, squares in loud.items()}
+            rows[named[name]] = rows.get(named[name], 0.0) + (
+                wrong.size / integrated_correlation(wrong))
+    return {name: (math.sqrt(np.mean(squares)), rows[name]) for name, squares in loud.items()}
 
 
 def by_record(evidence: Evidence, residual: np.ndarray) -> tuple[dict, dict]:

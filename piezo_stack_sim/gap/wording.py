@@ -15,6 +15,8 @@ VERDICTS = {
     'NOT_IDENTIFIABLE': 'Not identifiable',
 }
 
+LITTLE = 1.2  # times the noise up to which a simulation agrees as it is
+APART = 1.0  # times the noise by which causes must differ in an experiment to be told apart
 HIDDEN = 1.05  # times the noise below which a channel as a whole does not stand out of it
 
 
@@ -25,8 +27,14 @@ def verdict_sentence(diagnosis):
     sure = '' if sure is None else f' ({probability(sure)} sure)'
     smaller = _shrinks(diagnosis)
     if verdict == 'NO_GAP':
-        return ('The simulation agrees with the recordings to within the noise'
-                f'{sure}{_sizes(diagnosis)}.')
+        given = diagnosis['gap']
+        tuned = diagnosis.get('remaining', {}).get('gap') or given
+        if all(round(row['over_noise'] or 0.0, 1) < LITTLE for row in given.values()):
+            return ('The simulation agrees with the recordings to within the noise'
+                    f'{sure}{_sizes(given)}.')
+        return ('Re-tuned within the uncertainty of its parameters, the simulation agrees with '
+                f'the recordings to within the noise{sure}{_sizes(tuned)}'
+                f'{_sizes(given, "; as the file has them")}.')
     if verdict == 'CAUSE':
         effect = diagnosis['selected'][0]
         return _capital(f'{words(effect)}{_in_block(diagnosis, effect)} causes the gap{sure}'
@@ -41,8 +49,8 @@ def verdict_sentence(diagnosis):
                 f'{smaller}.')
     if verdict == 'UNKNOWN' and _is_hidden(diagnosis):
         return (f'All in all the simulation agrees with the recordings to within the noise'
-                f'{_sizes(diagnosis)}; but{_in_recording(diagnosis)} something stands out of it '
-                f'that nothing in the library explains{sure}.')
+                f'{_sizes(diagnosis["gap"])}; but{_in_recording(diagnosis)} something stands out '
+                f'of it that nothing in the library explains{sure}.')
     if verdict == 'UNKNOWN':
         return f'Nothing in the library explains the gap{sure}{_lies(diagnosis)}{smaller}.'
     return f'These recordings cannot say what causes the gap{sure}{_lies(diagnosis)}{smaller}.'
@@ -127,6 +135,10 @@ def next_sentence(experiment):
     if experiment['add_channel']:
         parts.append(f'measure {words(experiment["add_channel"])} as well')
     text = _capital(' and '.join(parts) or 'record more')
+    if experiment['separation'] is not None and experiment['separation'] < APART:
+        told = listing(map(words, experiment['separates']))
+        return (f'No programme tells {told} apart with these channels: {text} makes them differ '
+                f'by {times_noise(experiment["separation"])} times the noise, the most of all.')
     if experiment['separates']:
         text += f': it sets {listing(map(words, experiment["separates"]))} apart'
         if experiment['separation'] is not None:
@@ -182,11 +194,11 @@ def _switched(diagnosis):
     return f'{listing(map(words, selected))} switched'
 
 
-def _sizes(diagnosis):
-    ordered = [(channel, diagnosis['gap'][channel]) for channel in in_order(diagnosis['gap'])]
+def _sizes(gap, head=''):
+    ordered = [(channel, gap[channel]) for channel in in_order(gap)]
     sizes = [f'{words(channel)} {times_noise(row["over_noise"])}'
              for channel, row in ordered if row['over_noise'] is not None]
-    return f': {listing(sizes)} times the noise' if sizes else ''
+    return f'{head}: {listing(sizes)} times the noise' if sizes else ''
 
 
 def _is_hidden(diagnosis):
@@ -209,7 +221,8 @@ def _lies(diagnosis):
     parts = []
     if where['block']:
         share = where['shares'].get(where['block'])
-        power = f' with {percent(share)} of its power' if share else ''
+        most = share and share == max(where['shares'].values())
+        power = f' with {percent(share)} of its power' if most else ''
         parts.append(f'lies in the {where["block"]} block{power}')
     if channel and diagnosis['gap'][channel]['over_noise'] is not None:
         ratio = times_noise(diagnosis['gap'][channel]['over_noise'])
