@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What moves with the charge and what moves beside it, told from both."""
 
+from dataclasses import replace
+
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.apart import Apart
+from piezo_stack_sim.gap.apart import Apart, gain_per_charge, moved_by_charge, noise_moved
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.forward import residuals, simulate_set, spans
-from piezo_stack_sim.gap.where import is_driver_loudest
+from piezo_stack_sim.gap.where import block_residuals, is_driver_loudest, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest
@@ -67,3 +69,53 @@ def test_the_driver_is_to_blame_where_the_measured_voltage_is_most_wrong():
     without = cut(9.0, 1.0, 1.0)
     del without['drive']
     assert not is_driver_loudest([without])  # nobody measured the voltage
+
+
+@pytest.mark.parametrize('factor', [1, 4])
+def test_noise_of_the_charge_shakes_a_resonance(factor):
+    device = Device.nominal()
+    heavy = device.replace(load=replace(device.load, mass=0.5))
+    white = np.random.default_rng(4).standard_normal(400_000)
+    moved = moved_by_charge(heavy, white, 1e-4).reshape(-1, factor).mean(axis=1)
+    # Averaged, the noise of the charge is less by the root of the rows; the far end rings.
+    expected = np.std(moved) * factor ** 0.5
+    assert noise_moved(heavy, 1e-4, factor) == pytest.approx(expected, rel=0.05)
+    assert expected > 1.5 * gain_per_charge(heavy)
+    assert noise_moved(device, 1e-4) == pytest.approx(gain_per_charge(device), rel=0.01)
+
+
+@pytest.mark.parametrize('effect, block', [
+    ('parallel_stiffness', 'mechanical'), ('contact', 'mechanical'), ('mount_creep', 'mechanical'),
+    ('stiffness_hardening', 'mechanical'), ('asymmetric_hysteresis', 'electrical'),
+    ('creep', 'electrical'), ('initial_polarisation', 'electrical'), ('sensor_gain', 'mechanical')
+])
+def test_a_displacement_that_is_wrong_by_itself_takes_its_charge_with_it(effect, block):
+    """What lies behind the charge is named mechanical here, whatever it is."""
+    fractions = cut_at_its_ports({effect: EFFECTS[effect].typical()})
+    assert max(fractions, key=fractions.__getitem__) == block
+    assert fractions[block] > 0.8
+
+
+def cut_at_its_ports(effects, drive='voltage', channels=('voltage', 'charge', 'displacement')):
+    """Return the share of each block in the gap of a device with effects to one without."""
+    device, random, recordings = Device.nominal(), np.random.default_rng(5), []
+    noises = {'voltage': 5e-3, 'charge': 1e-9, 'displacement': 1e-9}
+    for programme in PROGRAMMES:
+        command = programme.command * (1.0 if drive == 'voltage' else 1.4e-6)
+        programme = programme.replace(drive=drive, command=command)
+        answer = simulate(device.with_effects(effects), programme.time, command, drive=drive)
+        recordings.append(programme.replace(measured={
+            name: getattr(answer, name) + noises[name] * random.standard_normal(len(programme))
+            for name in channels}))
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated, device)
+    return shares(block_residuals(device, evidence, simulated), None, evidence.channels)[0]
+
+
+def test_under_charge_drive_the_voltage_tells_of_the_ceramic():
+    """Charge and displacement are as commanded: nothing but the voltage shows the hysteresis."""
+    fractions = cut_at_its_ports(
+        {'asymmetric_hysteresis': EFFECTS['asymmetric_hysteresis'].typical()}, 'charge')
+    assert fractions['electrical'] > 0.9
+    stiffer = cut_at_its_ports({'parallel_stiffness': {'stiffness': 5e6}}, 'charge')
+    assert stiffer['mechanical'] > 0.9

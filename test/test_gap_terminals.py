@@ -8,9 +8,12 @@ from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.candidates import Probe, Search
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.isolability import Alike
+from piezo_stack_sim.gap.misread import is_voltage_misread
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.gap.terminals import Part, Terminals
 from piezo_stack_sim.gap.verdict import Cut, decide
@@ -121,6 +124,44 @@ def test_a_jump_is_as_steep_as_the_driver_makes_it():
     error = np.std(as_steep['charge'] - truth.charge)
     assert error < 0.2 * np.std(at_once.charge - truth.charge)
     assert error < NOISE['charge']
+
+
+def misread(voltage, _):
+    """Return what a probe reads that is not linear."""
+    return voltage + 0.05 * np.sin(voltage / 15.0)
+
+
+def with_reading(recordings, probe):
+    """Return recordings whose voltage passed through a probe."""
+    return RecordingSet(recordings.name, tuple(
+        each.replace(measured={**each.measured, 'voltage': probe(
+            each.measured['voltage'], each.time)}) for each in recordings))
+
+
+def fitter_to(recordings):
+    """Return a fitter of the nominal device to recordings."""
+    device, runs = Device.nominal(), recordings.recordings
+    fitter = Fitter(device, prepare(runs, simulate_set(device, runs), device))
+    fitter.prepare(parallel)
+    return fitter
+
+
+def test_a_voltage_that_nothing_follows_was_measured_wrong():
+    """Of 50 mV that the driver puts out and of 50 mV that only a probe reads."""
+    driven = a_set(Device.nominal(), misread)
+    read = with_reading(a_set(Device.nominal(), lambda command, _: command), misread)
+    assert is_voltage_misread(fitter_to(read))
+    assert not is_voltage_misread(fitter_to(driven))
+
+
+@pytest.mark.slow
+def test_a_hum_that_only_the_probe_of_the_voltage_reads_hides_no_cause():
+    stiffer = Device.nominal().with_effects({'parallel_stiffness': {'stiffness': 2e6}})
+    recordings = with_reading(
+        a_set(stiffer, lambda command, _: command),
+        lambda voltage, time: voltage + 7e-3 * np.sin(2.0 * np.pi * 50.0 * time))
+    found = diagnose_set(recordings, Device.nominal(), traces=False).document
+    assert (found['verdict'], found['selected']) == ('CAUSE', ['parallel_stiffness'])
 
 
 @pytest.mark.slow

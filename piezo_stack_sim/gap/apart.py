@@ -22,6 +22,7 @@ from scipy import signal
 
 #: Noise of the charge, as what it moves, against that of the displacement, up to which it is told.
 QUIET = 1.0
+RINGS = 4096  # averaged rows in which a resonance rings off
 
 
 def gain_per_charge(device: Device) -> float:
@@ -54,6 +55,18 @@ def moved_by_charge(device: Device, charge: np.ndarray, period: float) -> np.nda
     return signal.lfilter(b, a, charge, axis=0)
 
 
+def noise_moved(device: Device, period: float, factor: int = 1) -> float:
+    """
+    Return the noise of what the charge moves by that of the charge (m/C), both of averaged rows.
+
+    White noise shakes a resonance; what is slow moves the end as any charge does.
+    """
+    impulse = np.zeros(RINGS * factor)
+    impulse[0] = 1.0
+    answer = np.convolve(signal.lfilter(*_path(device, period), impulse), np.full(factor, 1.0))
+    return max(float(np.linalg.norm(answer)) / math.sqrt(factor), gain_per_charge(device))
+
+
 def _path(device: Device, period: float) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the path from charge to displacement as a filter of rows, (3,) and (3,).
@@ -71,13 +84,18 @@ def _path(device: Device, period: float) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class _Both:
-    """A track with both: where they lie in a residual, the noise of each (C, m), the path."""
+    """
+    A track with both: where they lie in a residual, the noise of each (C, m), the path.
+
+    ``gain`` (m/C) is what the noise of the charge moves.
+    """
 
     charge: slice
     displacement: slice
     charge_noise: float
     displacement_noise: float
     path: tuple[np.ndarray, np.ndarray]
+    gain: float
 
 
 class Apart:
@@ -98,16 +116,17 @@ class Apart:
         self.tracks: list[_Both] = []
         if evidence.device is None:
             return
-        self.gain = gain_per_charge(evidence.device)
         where = dict(zip(evidence.keys, spans(evidence)))
         for i, track in enumerate(evidence.tracks):
             if not {'charge', 'displacement'} <= set(track.measured):
                 continue
             charge, displacement = track.sigma['charge'], track.sigma['displacement']
-            if self.gain * charge < QUIET * displacement:
-                path = _path(evidence.device, track.recording.period * track.factor)
-                self.tracks.append(_Both(where[i, 'charge'], where[i, 'displacement'],
-                                         charge, displacement, path))
+            period = track.recording.period * track.factor
+            gain = noise_moved(evidence.device, period)
+            if gain * charge < QUIET * displacement:
+                self.tracks.append(_Both(
+                    where[i, 'charge'], where[i, 'displacement'], charge, displacement,
+                    _path(evidence.device, period), gain))
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Return weighted residuals or changes of them, (N,) or (N, k), taken apart."""
@@ -116,7 +135,7 @@ class Apart:
         result = np.array(values, dtype=float)
         for both in self.tracks:
             moved = signal.lfilter(*both.path, both.charge_noise * result[both.charge], axis=0)
-            noise = math.hypot(both.displacement_noise, self.gain * both.charge_noise)
+            noise = math.hypot(both.displacement_noise, both.gain * both.charge_noise)
             result[both.displacement] = (
                 both.displacement_noise * result[both.displacement] - moved) / noise
         return result

@@ -96,7 +96,7 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
         return None
     if through < ASTRAY * min(before, after):
         return MISREAD_CHARGE
-    share, error = _share(np.array(parts))
+    share, error = ratio_of_sums(np.array(parts))
     if after < FOLLOWS * before:
         return None
     if driven and RATIO[0] < share < RATIO[1] - error:
@@ -111,7 +111,7 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
     return _LED if driven and driver < STEADY and share - 2.0 * error > LEADS else None
 
 
-def _share(parts: np.ndarray) -> tuple[float, float]:
+def ratio_of_sums(parts: np.ndarray) -> tuple[float, float]:
     """Return a ratio of sums, and its error by leaving out one row of (n, 2) at a time."""
     total = parts.sum(axis=0)
     without = total - parts

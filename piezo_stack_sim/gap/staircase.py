@@ -11,6 +11,7 @@ the answer of the device to a small step: that is a saw-tooth of the command, an
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import math
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import Suspect
@@ -24,6 +25,7 @@ ANSWER = 64  # rows after which a step has been answered
 SMALL = 2e-3  # of the span, a step whose answer is taken: less than breaks an element
 FAINT = 0.05  # part of the best answered frequency's power below which nothing is turned back
 TOLD = 0.15  # part of what the command must have missed that steps tell; others tell a hundredth
+CHANCE = 3.0  # times what chance tells, by the logarithm of how many steps are tried
 SIZED = 0.3  # and part from which it is believed how large they are
 
 
@@ -50,7 +52,9 @@ def suspect_steps(device: Device, evidence: Evidence, cuts: Sequence[dict]) -> S
     for command, back in missed:
         told += _told(command, back, steps)
     best = int(np.argmax(told))
-    if told[best] < TOLD * total:
+    rows = sum(back.size for _, back in missed)
+    # Of few rows chance alone tells as much, of so many sizes that were tried.
+    if told[best] < (TOLD + CHANCE * math.log(steps.size) / rows) * total:
         return None
     # Rows as far apart as the steps, or steps finer than those tried, mislead on the size.
     size = f' of {significant(float(steps[best]), 2)} V' if told[best] > SIZED * total else ''

@@ -24,17 +24,20 @@ from piezo_stack_sim.gap.evidence import Evidence, prepare, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter, STEPS
 from piezo_stack_sim.gap.forward import simulate_set, spans
 from piezo_stack_sim.gap.isolability import isolability
+from piezo_stack_sim.gap.misread import is_voltage_misread
 from piezo_stack_sim.gap.pairs import add_pair, pair_of
 from piezo_stack_sim.gap.ranked import Thresholds
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.verdict import Cut, probabilities
 from piezo_stack_sim.gap.voltage import MeasuredVoltage
+from piezo_stack_sim.gap.where import block_residuals, shares
 from piezo_stack_sim.plant import Device
 
 DRIVE = tuple(name for name, effect in EFFECTS.items() if effect.block == 'drive')
 BEHIND = tuple(name for name in EFFECTS if name not in DRIVE)
 UNMISTAKABLE = 0.5  # excess over the noise power that no effect need explain to be a gap
 SEES = 0.4  # part of an effect that must be seen behind the terminals to deny it there
+MATTERS = 0.02  # part of a gap from which it matters what is wrong at the terminals
 LEADING = 2  # effects of the drive whose numbers by the voltage alone are tried
 
 
@@ -113,9 +116,9 @@ class Terminals:
                 for other, two in self.behind.chances.items()}
 
     def join(self, fitter: Fitter, search: Search, thresholds: Thresholds,
-             progress: Callable[[str], None]) -> Cut:
+             progress: Callable[[str], None]) -> Cut | None:
         """
-        Return what follows for the whole chain.
+        Return what follows for the whole chain, None if all this is too little to matter.
 
         Parameters
         ----------
@@ -130,7 +133,10 @@ class Terminals:
 
         """
         if self.before.explained < thresholds.drive:
-            return Cut(known=False)
+            # What is told at the terminals alone is no gap of what they drive.
+            if _share_of_drive(fitter, search) < MATTERS:
+                return None
+            return Cut(known=False, misread=is_voltage_misread(fitter))
         singles = self.behind.decision.singles
         # Who sees little of an effect cannot deny it.
         supported = frozenset(each.name for each in singles if each.gain > thresholds.second
@@ -202,6 +208,15 @@ def look_at_terminals(fitter: Fitter, search: Search, thresholds: Thresholds,
         name: values for name, values in fitter.device.effects.items() if name not in DRIVE})
     behind = _cut(evidence, driver, ideal)
     return Terminals(before, _diagnosed(ideal, behind, BEHIND, {}, thresholds, progress))
+
+
+def _share_of_drive(fitter: Fitter, search: Search) -> float:
+    """Return the part of the power of the gap that lies before the terminals."""
+    evidence, tuned = fitter.evidence, fitter.device_with({}, search.nominal.phi)
+    cuts = block_residuals(tuned, evidence, simulate_set(
+        tuned, [track.recording for track in evidence.tracks]))
+    fractions, _ = shares(cuts, None, evidence.channels)
+    return fractions.get('drive', 0.0) if any(fractions.values()) else 1.0
 
 
 def _diagnosed(device: Device, evidence: Evidence, names: Collection[str],

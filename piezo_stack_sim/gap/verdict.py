@@ -132,10 +132,11 @@ class Cut:
     """
     What cutting the model at its terminals tells, where the voltage there is wrong.
 
-    ``known`` tells whether an effect of the drive explains the voltage, ``pair`` is the name
-    of that with what clearly acts behind the terminals ('' for nothing), ``removed`` the part
-    of the gap behind them that this removes, ``resembling`` are effects that look much alike on
-    one side, by twos, ``supported`` are effects behind the terminals that explain anything there,
+    ``known`` tells whether an effect of the drive explains the voltage, ``misread`` whether what
+    it drives does not follow it, so that it was measured wrong, ``pair`` is the name of that with
+    what clearly acts behind the terminals ('' for nothing), ``removed`` the part of the gap behind
+    them that this removes, ``resembling`` are effects that look much alike on one side, by twos,
+    ``supported`` are effects behind the terminals that explain anything there,
     or of which hardly anything is seen there, ``chances`` how likely such pairs are, by what each
     side tells alone.  ``bears`` tells of effects with their numbers (SI) whether what was measured
     behind the terminals has room for them.
@@ -149,6 +150,7 @@ class Cut:
     chances: Mapping[str, float] = field(default_factory=dict)
     bears: Callable[[Mapping[str, dict[str, float]]], bool] = field(
         default=lambda effects: True, compare=False, repr=False)
+    misread: bool = False
 
     def allows(self, effect: str) -> bool:
         """Tell whether a second effect could explain anything on its side of the terminals."""
@@ -216,6 +218,10 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        pairs={pair.name: sure})
 
     if cut is not None:
+        if cut.misread:
+            return Verdict('UNKNOWN', (), (), 'the voltage at the terminals is wrong, and what '
+                           'it drives does not follow it: it was measured wrong', t.unknown,
+                           1.0 - t.unknown, 'sensor')
         if not cut.known:
             return Verdict('UNKNOWN', (), (), 'no effect of the drive explains what is wrong with '
                            'the voltage at the terminals', t.unknown, 1.0 - t.unknown, 'drive')

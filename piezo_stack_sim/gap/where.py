@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.apart import gain_per_charge, moved_by_charge
+from piezo_stack_sim.gap.apart import gain_per_charge, moved_by_charge, noise_moved
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence, Track
 from piezo_stack_sim.gap.forward import simulate_channels, spans
@@ -80,7 +80,7 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
             out['drive'] = (wrong * per_volt, noise * per_volt)
             if behind is not None or np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
                 # The electrical block is to be driven by what really was at its terminals.
-                ideal = (behind or device).replace(effects={})
+                ideal = without_driver(behind or device)
                 answer = MeasuredVoltage.of(track, device).answer_of(ideal)
         if has('charge'):
             wrong = track.unbiased('charge', track.measured['charge']
@@ -97,13 +97,20 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
                     out['given'] = _given(track, behind or device, answer, gain)
                 given = recording.measured['charge'] - answer['charge']
                 wrong = wrong - moved_by_charge(device, given, recording.period)
-                noise = math.hypot(noise, gain * track.sigma['charge'])
+                noise = math.hypot(noise, track.sigma['charge'] * noise_moved(
+                    device, recording.period, track.factor))
             out['behind'] = (track.unbiased('displacement', track.average(wrong)), noise)
         if recording.drive in ('charge', 'open') and has('voltage'):
             out['across'] = _across(track, behind or device, answer, per_volt)
         return out
 
     return parallel(one, range(len(evidence.tracks)))
+
+
+def without_driver(device: Device) -> Device:
+    """Return a device without what is known of its driver."""
+    return device.replace(effects={name: values for name, values in device.effects.items()
+                                   if EFFECTS[name].block != 'drive'})
 
 
 def _given(track: Track, device: Device, answer: dict, gain: float) -> tuple[np.ndarray, float]:
