@@ -92,6 +92,18 @@ def test_a_programme_within_the_limits_is_left_alone():
     assert kept is programme and not remarks
 
 
+@pytest.mark.parametrize('channel', ['command', 'external_force'])
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('clip', [False, True])
+def test_what_is_no_finite_number_is_refused_whatever_the_limits(channel, value, clip):
+    programme = triangle(rate=1000.0)
+    values = getattr(programme, channel).copy()
+    values[41] = value
+    for limits in (Limits(), Limits((0.0, 100.0), slew=1e6)):
+        with pytest.raises(InputError, match='triangle: row 42: .* is no finite number'):
+            limits.enforce(programme.replace(**{channel: values}), clip)
+
+
 @pytest.mark.parametrize('slew', [None, 40.0, 1e6])
 def test_a_ramp_ends_where_it_should_and_keeps_the_slew(slew):
     ramp = Limits(slew=slew).ramp(80.0, 0.0, 1000.0)
@@ -381,12 +393,27 @@ def test_a_killed_recording_can_be_read(wall_device, tmp_path):
     (['triangle', '--drive', 'charge'], '--charge-per-volt'),
     (['triangle', '--drive', 'open'], 'only the programme force'),
     (['triangle', '--rest', '-1'], '--rest -1'),
+    (['triangle', '--rest', 'nan'], '--rest nan'),
+    (['triangle', '--rest', 'inf'], '--rest inf'),
+    (['triangle', '--slew', 'nan'], '--slew nan: expected a positive number'),
+    (['triangle', '--slew', 'inf'], '--slew inf'),
+    (['triangle', '--current', 'nan', '--capacitance', '2e-6'], '--current nan'),
+    (['triangle', '--voltage-limits', 'nan', '50'], '--voltage-limits nan 50: expected finite'),
+    (['triangle', '--voltage-limits', '0', 'inf'], '--voltage-limits 0 inf: expected finite'),
     (['bench', '--drive', 'charge', '--charge-per-volt', '2e-6'], '--charge-per-volt'),
     (['bench', '--drive', 'charge', '--slew', '100'], '--slew: '),
 ])
 def test_wrong_arguments_are_one_line(capfd, tmp_path, arguments, reason):
     assert reason in error_of(capfd, *arguments, '--out', tmp_path / 'set')
     assert not (tmp_path / 'set').exists()
+
+
+@pytest.mark.parametrize('cell', ['nan', 'inf', ''])
+def test_a_recording_with_a_command_that_is_no_number_is_not_played_again(capfd, tmp_path, cell):
+    file = tmp_path / 'bench.csv'
+    file.write_text('time,voltage_command\n0,0\n0.001,' + cell + '\n0.002,0\n')
+    error = error_of(capfd, file, '--out', tmp_path / 'set')
+    assert f'{file}: row 3: voltage_command is' in error
 
 
 def test_a_wrong_name_is_told_with_the_devices_there_are(device, tmp_path, capfd):

@@ -42,6 +42,11 @@ def test_steps_move_smoothly_and_hold():
     assert np.all(made.command[1100:] == 50.0) and np.all(made.command[:1000] == 0.0)
 
 
+def test_steps_without_a_transition_step_at_once():
+    made = steps(levels=(0.0, 50.0, 20.0), hold=0.1, transition=0.0)
+    assert np.array_equal(made.command, np.repeat([0.0, 50.0, 20.0], 100))
+
+
 def test_a_multisine_repeats_and_keeps_its_peak():
     made = multisine(bias=30.0, peak=5.0, periods=3)
     assert np.abs(made.command[1000:] - 30.0).max() == pytest.approx(5.0)

@@ -141,8 +141,8 @@ def command(profile, out, node, namespace, drive, charge_per_volt, voltage_limit
         _refuse_volts(charge_per_volt=charge_per_volt, voltage_limits=voltage_limits, slew=slew,
                       current=current)
     _check_positive(rate=rate, patience=patience, charge_per_volt=charge_per_volt)
-    if rest < 0.0:
-        raise InputError(f'--rest {rest:g}: expected zero or more')
+    if not 0.0 <= rest < float('inf'):
+        raise InputError(f'--rest {rest:g}: expected zero or more, finite')
     if current is not None and capacitance is None and params is not None:
         capacitance = _capacitance(params)
     limits = Limits(voltage_limits, slew, current, capacitance)
@@ -217,9 +217,11 @@ def _programmes(profile, quick, settings, drive):
     if given or quick:
         name = next(iter(given), 'quick').replace('_', '-')
         raise InputError(f'--{name}: a recording set is played as it is; leave it out')
+    from piezo_stack_sim.recording.playable import require_finite
     from piezo_stack_sim.recording.read import read_set
     recordings = read_set(profile).recordings
     for recording in recordings:
+        require_finite(recording)
         if recording.drive != drive:
             raise InputError(f'{recording.source}: recorded with drive {recording.drive}: '
                              f'expected {drive}; use --drive {recording.drive}')

@@ -31,6 +31,7 @@ def command(recordings, params, out, maps, units, noise, seed):
     """
     from piezo_stack_sim.plant import load_device, simulate
     from piezo_stack_sim.progress import track
+    from piezo_stack_sim.recording.playable import require_playable
     from piezo_stack_sim.recording.read import read_set
     from piezo_stack_sim.recording.write import write_csv_set
 
@@ -43,7 +44,7 @@ def command(recordings, params, out, maps, units, noise, seed):
     if seed is not None and not noise:
         raise InputError('--seed: there is no noise to seed; add --noise or leave it out')
     for recording in given.recordings:
-        _check(recording)
+        require_playable(recording)
     answers = []
     for recording in track(given.recordings, 'Simulating'):
         response = simulate(
@@ -58,26 +59,3 @@ def command(recordings, params, out, maps, units, noise, seed):
                   remark='simulated by piezo_stack simulate')
     rows = sum(len(answer) for answer in answers)
     click.echo(f'{len(answers)} recordings, {rows} rows: {out}')
-
-
-def _check(recording):
-    """Refuse what no device can be asked: inputs beyond any stack, times that do not go on."""
-    import numpy as np
-    from piezo_stack_sim.recording.finding import refuse, RefusedError
-    from piezo_stack_sim.recording.magnitude import check_limits
-    bare = recording.replace(measured={})
-    for name in ('time', 'command', 'external_force'):
-        bad = np.flatnonzero(~np.isfinite(getattr(bare, name)))
-        if bad.size:
-            name = bare.command_name or name if name == 'command' else name
-            raise InputError(str(refuse(bare, bad[0], f'{name} is no finite number',
-                                        'fill it in or take the row out')))
-    try:
-        check_limits(bare)
-    except RefusedError as error:
-        raise InputError(str(error)) from None
-    back = np.flatnonzero(np.diff(bare.time) <= 0.0)
-    if back.size:
-        raise InputError(str(refuse(
-            bare, back[0] + 1, f'time {bare.time[back[0] + 1]:.9g} s does not come after '
-            f'{bare.time[back[0]]:.9g} s', 'sort the rows, or split the file between two runs')))

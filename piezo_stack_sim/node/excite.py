@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+import math
 from pathlib import Path
 import signal
 import threading
@@ -225,7 +226,7 @@ def _at_rate(recording: Recording, rate: float, link: Link) -> Recording:
     if len(recording) < 2:
         raise InputError(f'{recording.name}: {len(recording)} rows: nothing to play')
     steps = np.diff(recording.time) * rate
-    if np.abs(steps - 1.0).max() > 1e-3:
+    if not np.abs(steps - 1.0).max() <= 1e-3:  # NaN is not even, either
         raise InputError(
             f'{recording.name}: rows at {recording.rate:g} Hz: expected {rate:g} Hz, evenly, the '
             f'rate at which {link.device} is commanded')
@@ -242,6 +243,9 @@ class _Stage:
         self._safe = session.limits.safe if self._driven else 0.0
         # Where the device stands now; one that does not tell is taken to be at rest.
         self.value = player.present.get(session.drive, 0.0) if self._driven else 0.0
+        if not math.isfinite(self.value):
+            raise InputError(f'{link.device}: its {session.drive} is {self.value:g}: nobody knows '
+                             'from where to lead it to the programme; mend what publishes it')
         self._force = 0.0
         self._moved = False
 

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.recording.playable import require_finite
 from piezo_stack_sim.recording.recording import Recording
 
 RAMP_TIME = 0.5  # s for the whole voltage range, when no slew limit is given
@@ -41,6 +43,9 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Refuse limits that make no sense."""
+        if self.voltage and not all(map(math.isfinite, self.voltage)):
+            raise InputError(f'--voltage-limits {self.voltage[0]:g} {self.voltage[1]:g}: expected '
+                             'finite numbers; leave it out where there is no limit')
         if self.voltage and not self.voltage[0] < self.voltage[1]:
             raise InputError(f'--voltage-limits {self.voltage[0]:g} {self.voltage[1]:g}: expected '
                              'the lower one first')
@@ -83,9 +88,11 @@ class Limits:
         Raises
         ------
         InputError
-            When the programme exceeds a limit and is not to be clipped.
+            When the programme exceeds a limit and is not to be clipped, or has a command or a
+            force that is no finite number, clipped or not.
 
         """
+        require_finite(recording)  # NaN exceeds no limit, whatever a driver makes of it
         command, remarks = np.array(recording.command), []
         period = recording.period
         if self.voltage:

@@ -82,7 +82,8 @@ def steps(levels=(0.0, 60.0, 20.0, 80.0, 10.0), hold=6.0, transition=0.2, rate=1
     hold : float
         From step to step (s).
     transition : float
-        Duration of each step (s), half a cosine: short ones ring (limits, fast steps).
+        Duration of each step (s), half a cosine: short ones ring (limits, fast steps); 0 steps
+        at once.
     rate : float
         Hz.
 
@@ -94,7 +95,9 @@ def steps(levels=(0.0, 60.0, 20.0, 80.0, 10.0), hold=6.0, transition=0.2, rate=1
     time = _times(hold * len(levels), rate)
     command = np.full(time.size, float(levels[0]))
     for i in range(1, len(levels)):
-        done = np.clip((time - i * hold) / transition, 0.0, 1.0)
+        # Half a row early, for neither times nor holds are exact.
+        done = (np.clip((time - i * hold) / transition, 0.0, 1.0) if transition
+                else time > i * hold - 0.5 / rate)
         command += (levels[i] - levels[i - 1]) * 0.5 * (1.0 - np.cos(np.pi * done))
     return _recording('steps', rate, command)
 
