@@ -63,6 +63,14 @@ def test_the_force_squeezes_and_lets_go():
 @pytest.mark.parametrize('make', [
     lambda: triangle(frequency=30.0, rate=1000.0),  # 33.3 rows a cycle
     lambda: multisine(band=(20.0, 40e3)),
+    lambda: triangle(frequency=0.0),
+    lambda: triangle(peaks=()),
+    lambda: triangle(frequency=1e-300),
+    lambda: triangle(cycles=10**8),
+    lambda: steps(levels=()),
+    lambda: force(frequency=np.nan),
+    lambda: multisine(seed=-1),
+    lambda: multisine(lines=10**7),
 ])
 def test_a_programme_that_does_not_fit_its_rows_is_refused(make):
     with pytest.raises(InputError, match='expected'):

@@ -3,6 +3,7 @@
 """``piezo_stack excite``: play a test programme to a device and record what it does."""
 
 from pathlib import Path
+import re
 import sys
 
 import click
@@ -37,6 +38,9 @@ QUICK: dict[str, dict] = {
     'multisine': {'lines': 20, 'periods': 2},
     'force': {'cycles': 2},
 }
+
+
+_NAME = re.compile(r'(?=.{1,200}$)/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 
 
 class _ListCommand(click.Command):
@@ -146,9 +150,8 @@ def command(profile, out, node, namespace, drive, charge_per_volt, voltage_limit
     if current is not None and capacitance is None and params is not None:
         capacitance = _capacitance(params)
     limits = Limits(voltage_limits, slew, current, capacitance)
+    node = _full_name(node, namespace)
     names, make = _programmes(profile, quick, settings, drive)
-    if namespace:
-        node = f'/{namespace.strip("/")}/{node.strip("/")}'
     session = Session(node, drive, charge_per_volt or 1.0, limits, clip, reset, rest, rate,
                       patience)
     with Bars() as bar:
@@ -162,6 +165,18 @@ def command(profile, out, node, namespace, drive, charge_per_volt, voltage_limit
         click.echo(f'interrupted: what was recorded is kept, the device is left at '
                    f'{outcome.left_at:g} {unit}', err=True)
         sys.exit(130)
+
+
+def _full_name(node, namespace):
+    """Return the name of a node with its namespace."""
+    from piezo_stack_sim.errors import InputError
+    whole = f'/{namespace.strip("/")}/{node.strip("/")}' if namespace.strip('/') else node
+    for option, name in (('node', node), ('namespace', namespace.rstrip('/')), ('node', whole)):
+        if not _NAME.fullmatch(name) and not (option == 'namespace' and not name):
+            raise InputError(
+                f'--{option} {name!r}: expected a name of ROS 2, letters, digits and _ with / '
+                'between them, no digit first, at most 200 in all')
+    return whole
 
 
 def _refuse_volts(**values):
@@ -229,19 +244,25 @@ def _programmes(profile, quick, settings, drive):
             lambda rate: [recording.replace(measured={}) for recording in recordings])
 
 
+def _option(setting):
+    """Return the option of a setting of a programme."""
+    return '--rest-before' if setting == 'rest' else f'--{setting.replace("_", "-")}'
+
+
 def _maker(chosen, quick, given, drive):
     """Return a function of the rate that makes the programmes, settings checked already."""
     from inspect import signature
     from piezo_stack_sim.errors import InputError
-    from piezo_stack_sim.recording.programmes import PROGRAMMES
+    from piezo_stack_sim.recording.programmes import check_settings, PROGRAMMES
 
     given = {('rest' if name == 'rest_before' else name): v for name, v in given.items()}
+    check_settings('', _option, **given)
     accepted = {name: set(signature(PROGRAMMES[name]).parameters) for name in chosen}
     for setting in given:
         if not any(setting in names for names in accepted.values()):
             known = sorted(set().union(*accepted.values()) - {'rate', 'ramp'})
-            shown = ', '.join(f'--{n.replace("_", "-")}' for n in known)
-            raise InputError(f'--{setting.replace("_", "-")}: {", ".join(chosen)} has no such '
+            shown = ', '.join(map(_option, known))
+            raise InputError(f'{_option(setting)}: {", ".join(chosen)} has no such '
                              f'setting; it has {shown}')
     if 'band' in given and len(given['band']) != 2:
         raise InputError(f'--band: expected two numbers, got {len(given["band"])}')

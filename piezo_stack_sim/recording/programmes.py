@@ -8,10 +8,55 @@ real device or for a peer in a benchmark. The defaults suit the AE0505D16 of the
 
 """
 
+import math
+
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.recording import Recording
+
+MOST_ROWS = 10**8  # nobody waits for more, and no memory holds them
+# What the settings must be beside finite.
+_POSITIVE = ('frequency', 'time_constant', 'duration', 'hold', 'period', 'rate', 'band')
+_NOT_NEGATIVE = ('transition', 'ramp', 'rest', 'seed')
+_COUNTS = ('cycles', 'periods', 'lines')
+
+
+def check_settings(where, label=str, **settings):
+    """
+    Refuse settings with which no programme can be made.
+
+    Parameters
+    ----------
+    where : str
+        Put before the name of the setting.
+    label : callable
+        Turns the name of a setting into the one that its owner knows.
+    settings : dict
+        Numbers, or sequences of them.
+
+    Raises
+    ------
+    InputError
+        The first that is not finite, not positive, no list, ...
+
+    """
+    for name, values in settings.items():
+        values = np.atleast_1d(np.asarray(values, dtype=float))
+        if not values.size:
+            raise InputError(f'{where}{label(name)}: expected at least one number')
+        for value in values:
+            if not math.isfinite(value):
+                wanted = 'a finite number'
+            elif name in _POSITIVE and value <= 0.0:
+                wanted = 'a positive number'
+            elif name in _NOT_NEGATIVE and value < 0.0:
+                wanted = 'zero or more'
+            elif name in _COUNTS and not 1.0 <= value <= MOST_ROWS:
+                wanted = f'a whole number from 1 to {MOST_ROWS:g}'
+            else:
+                continue
+            raise InputError(f'{where}{label(name)} {value:g}: expected {wanted}')
 
 
 def triangle(peaks=(30.0, 60.0, 90.0), frequency=10.0, cycles=2, rate=10e3):
@@ -34,7 +79,9 @@ def triangle(peaks=(30.0, 60.0, 90.0), frequency=10.0, cycles=2, rate=10e3):
     Recording
 
     """
+    check_settings('triangle: ', peaks=peaks, frequency=frequency, cycles=cycles, rate=rate)
     rows = _whole(rate / frequency, 'rate / frequency')
+    _whole(float(rows) * cycles * len(peaks), 'rows of all cycles')
     turn = np.arange(rows) / rows
     shape = np.minimum(2.0 * turn, 2.0 - 2.0 * turn)  # exact zeros: no ripple where it starts
     command = np.concatenate([peak * np.tile(shape, cycles) for peak in peaks])
@@ -66,6 +113,8 @@ def decay(bias=45.0, amplitude=40.0, frequency=100.0, time_constant=0.08, ramp=0
     Recording
 
     """
+    check_settings('decay: ', bias=bias, amplitude=amplitude, frequency=frequency, ramp=ramp,
+                   time_constant=time_constant, duration=duration, rate=rate)
     time = _times(duration, rate)
     sine = amplitude * np.exp(-time / time_constant) * np.sin(2.0 * np.pi * frequency * time)
     return _recording('decay', rate, _fade(time, ramp) * (bias + sine))
@@ -92,6 +141,7 @@ def steps(levels=(0.0, 60.0, 20.0, 80.0, 10.0), hold=6.0, transition=0.2, rate=1
     Recording
 
     """
+    check_settings('steps: ', levels=levels, hold=hold, transition=transition, rate=rate)
     time = _times(hold * len(levels), rate)
     command = np.full(time.size, float(levels[0]))
     for i in range(1, len(levels)):
@@ -132,7 +182,12 @@ def multisine(bias=40.0, peak=6.0, band=(20.0, 5000.0), lines=60, period=0.1, pe
     Recording
 
     """
+    check_settings('multisine: ', bias=bias, peak=peak, band=band, lines=lines, period=period,
+                   periods=periods, ramp=ramp, rate=rate, seed=seed)
     rows = _whole(rate * period, 'rate * period')
+    if lines > rows:
+        raise InputError(f'multisine: lines {lines}: expected at most one for each of the {rows} '
+                         'rows of a period')
     wanted = np.geomspace(*band, lines)
     cycles = np.unique(np.rint(wanted * period))
     if cycles[0] < 1.0 or cycles[-1] >= rows / 2:
@@ -172,6 +227,8 @@ def force(bias=40.0, squeeze=120.0, frequency=10.0, cycles=4, ramp=0.02, rest=0.
     Recording
 
     """
+    check_settings('force: ', bias=bias, squeeze=squeeze, frequency=frequency, cycles=cycles,
+                   ramp=ramp, rest=rest, rate=rate)
     time = _times(rest + cycles / frequency, rate)
     turn = 2.0 * np.pi * frequency * (time - rest)
     push = np.where(time >= rest, -0.5 * squeeze * (1.0 - np.cos(turn)), 0.0)
@@ -191,6 +248,8 @@ def _fade(time, ramp):
 
 
 def _whole(number, what):
+    if not number <= MOST_ROWS:
+        raise InputError(f'{what} = {number:g}: expected at most {MOST_ROWS:g} rows')
     whole = round(number)
     if whole < 2 or abs(number - whole) > 1e-6 * whole:
         raise InputError(f'{what} = {number:g}: expected a whole number of rows, at least 2')
