@@ -504,6 +504,39 @@ def test_a_short_pulse_in_a_long_rest_is_an_answer_and_no_spike():
     assert 'row 3002: voltage has impossible values in 1 rows, here -9999' in findings[0]
 
 
+def from_rest(command):
+    """Return a recording that begins at rest: its first row is sampled before its command."""
+    recording = answered(np.concatenate(([0.0], command))).take(slice(1, None))
+    return recording.replace(time=np.arange(len(recording)) / 10e3)
+
+
+@pytest.mark.parametrize('rest', [0, 1, 20, 100])
+def test_a_device_that_steps_to_a_bias_in_its_first_rows_was_at_rest_before(rest):
+    command = 40.0 + 0.5 * np.sin(2.0 * np.pi * 50e-4 * np.arange(3000))
+    command[:rest] = 0.0
+    recording = from_rest(command)
+    passed, findings = checked(recording)
+    assert not findings
+    assert same(passed[0], recording) and passed[0].start == (0.0, 0.0)
+
+
+@pytest.mark.parametrize('constant', [-9999.0, 1e38])
+def test_what_stands_for_no_answer_does_so_in_the_first_row_too(constant):
+    recording = from_rest(40.0 + 0.5 * np.sin(2.0 * np.pi * 50e-4 * np.arange(3000)))
+    values = recording.measured['displacement'].copy()
+    values[0] = constant
+    _, findings = checked(with_channel(recording, 'displacement', values))
+    assert 'row 3: displacement has impossible values in 1 rows' in findings[0]
+
+
+def test_a_lone_zero_among_the_commands_is_one_that_the_device_followed():
+    command = 40.0 + 0.5 * np.sin(2.0 * np.pi * 50e-4 * np.arange(3000))
+    command[1500] = 0.0
+    recording = from_rest(command)
+    passed, findings = checked(recording)
+    assert not findings and same(passed[0], recording)
+
+
 def test_an_empty_force_is_none():
     recording = slow()
     passed, finding = mended(recording.replace(external_force=np.full(3000, np.nan)))

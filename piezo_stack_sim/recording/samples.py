@@ -53,15 +53,16 @@ def check_numbers(recording):
 
     """
     findings, changes, measured = [], {}, dict(recording.measured)
-    excited = _excited(recording)
+    excited, jumps = _excited(recording), _jumps(recording)
     for name in ('time', 'command', 'external_force', *measured):
         values = measured[name] if name in measured else getattr(recording, name)
         absurd = np.isinf(values) | (np.abs(values) > _ABSURD)
         finite = np.where(absurd, np.nan, values)
+        jumped = jumps & _within_reach(finite)
         if name in measured:
-            absurd |= (_spikes(finite) | _stand_ins(finite)) & ~excited
+            absurd |= (_spikes(finite) | _stand_ins(finite)) & ~excited & ~jumped
         elif name != 'time':
-            impossible = _unanswered(recording, name, finite)
+            impossible = _unanswered(recording, name, finite) & ~jumped
             absurd |= _lone((_spikes(finite) | (np.abs(finite) > _CRUSHING)) & impossible)
         if not absurd.any():
             continue
@@ -121,7 +122,32 @@ def _unanswered(recording, name, values):
         return np.abs(values) > _IMPOSSIBLE.get(recording.drive, np.inf)
     # Rows are sampled before their command takes effect.
     seen = np.maximum(np.abs(answer), np.abs(np.append(answer[1:], answer[-1])))
-    return ~(seen > 0.1 * np.abs(values))
+    return (values != 0.0) & ~(seen > 0.1 * np.abs(values))
+
+
+def _jumps(recording):
+    """
+    Return the rows until the first input has shown, and those about lone ones far from the others.
+
+    Row 0 is sampled before its command takes effect: where that is a bias, the device jumps from
+    rest to it, and nothing comes back to where it began.
+    """
+    jumps = np.zeros(len(recording), dtype=bool)
+    away = np.zeros(len(recording), dtype=bool)
+    for values in (recording.command, recording.external_force):
+        finite = np.where(np.abs(values) < _ABSURD, values, np.nan)
+        size = np.nan_to_num(np.abs(finite))
+        away |= size > _ZERO * np.max(size)
+        for start, end in runs_of(_spikes(finite)):
+            jumps[start:end + _FEWEST_ROWS] = True
+    jumps[:int(np.argmax(away)) + _FEWEST_ROWS if away.any() else 1] = True
+    return jumps
+
+
+def _within_reach(values):
+    """Return which values lie between rest and the overshoot of what follows."""
+    finite = values[np.isfinite(values)]
+    return np.abs(values) <= 2.0 * np.abs(np.median(finite)) if finite.size else values > np.inf
 
 
 def _excited(recording):
