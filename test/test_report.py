@@ -18,7 +18,7 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.quantities import (
     percent, percent_with_interval, quantity, with_interval)
 from piezo_stack_sim.gap.report import render_report, write_report
-from piezo_stack_sim.gap.report.sections import parameters_view, SECTIONS
+from piezo_stack_sim.gap.report.sections import headline_view, parameters_view, SECTIONS
 from piezo_stack_sim.gap.schema import validate, VERDICTS
 from piezo_stack_sim.gap.storage import read_diagnosis, write_diagnosis
 from piezo_stack_sim.gap.summary import summary_lines, terminal_summary
@@ -100,6 +100,38 @@ def test_what_hides_in_the_noise_is_not_said_to_lie_in_a_block():
     assert sentence.startswith('All in all the simulation agrees with the recordings to within')
     assert 'most of all in decay' in sentence and '91 % sure' in sentence
     assert 'block' not in sentence
+
+
+def test_where_no_recording_stands_out_the_sentence_says_so_like_its_reason():
+    diagnosis = make_diagnosis('UNKNOWN')
+    for row in diagnosis['gap'].values():
+        row['over_noise'] = 1.01
+    diagnosis['reason'] = (
+        'no recording stands out of the noise; the best effect, creep, removes 20 % of the '
+        'removable gap in all channels together, a flexible correction 80 %')
+    sentence = verdict_sentence(diagnosis)
+    assert 'but a flexible correction finds something in them that nothing in the lib' in sentence
+    assert 'stands out' not in sentence
+
+
+@pytest.mark.parametrize(('times', 'score', 'channel'), [
+    (0.99, None, 'charge'), (1.02, 0.4, 'charge'), (3.0, None, 'charge'),
+    (1.3, 0.9, 'displacement')])
+def test_where_the_displacement_has_no_gap_the_widest_is_told_of(times, score, channel):
+    diagnosis = make_diagnosis('CAUSE')
+    diagnosis['gap']['displacement']['over_noise'] = times
+    diagnosis['shrinkage']['displacement']['S'] = score
+    diagnosis['shrinkage']['voltage'].update(S=None, ci=None)
+    diagnosis['gap']['voltage']['over_noise'] = 900.0  # of no gap to remove nobody speaks first
+    assert f'the {channel} error shrinks from' in verdict_sentence(diagnosis)
+    assert f'{channel} rms; ' in headline_view(diagnosis)['smaller']['note']
+
+
+def test_where_there_is_no_gap_at_all_the_displacement_is_told_of():
+    diagnosis = make_diagnosis('NO_GAP')
+    for channel in diagnosis['gap']:
+        diagnosis['shrinkage'][channel].update(S=None, ci=None)
+    assert 'rms displacement' in headline_view(diagnosis)['smaller']['note']
 
 
 def test_the_sentence_gives_the_score_that_follows_from_the_powers(cause):
@@ -288,6 +320,37 @@ def test_the_summary_says_it_all(cause):
                   'Next    Play steps', 'Warning damping', 'out/report.html',
                   'out/corrected.yaml'):
         assert words in text
+
+
+def _where_lines(**where):
+    diagnosis = make_diagnosis('UNKNOWN')
+    diagnosis['where'].update(where)
+    lines = [line for line, _ in summary_lines(diagnosis, 100)]
+    first = next(i for i, line in enumerate(lines) if line.startswith('Where'))
+    return lines[first:first + 2]
+
+
+def test_the_summary_names_the_block_before_what_the_cuts_say():
+    first, _ = _where_lines(block='sensor', shares={'mechanical': 0.95, 'drive': 0.046,
+                                                    'electrical': 0.004})
+    assert first == 'Where   sensor block; by the cuts mechanical 95 % and drive 5 %'
+
+
+@pytest.mark.parametrize(('block', 'shares', 'line'), [
+    ('sensor', {'mechanical': 0.0}, 'sensor block'), ('sensor', {}, 'sensor block'),
+    (None, {'drive': 1.0}, 'drive 100 %'), (None, {}, 'cannot be said')])
+def test_the_summary_says_of_the_block_what_is_known(block, shares, line):
+    assert _where_lines(block=block, shares=shares)[0] == f'Where   {line}'
+
+
+def test_shares_of_nothing_are_not_told():
+    none = {'name': 'rising', 'share': 0.0}
+    assert _where_lines(records={'steps': 0.0}, regimes=[none],
+                        bands=[{'low': 1000.0, 'high': None, 'share': 0.7},
+                               {'low': 1.0, 'high': 10.0, 'share': 0.3}])[1] == (
+        '        above 1000 Hz 70 %')
+    assert not _where_lines(records={'steps': 0.0}, regimes=[none], bands=[
+        {'low': 0.0, 'high': 1.0, 'share': 0.0}])[1].startswith(' ')
 
 
 def test_the_summary_is_plain_in_a_pipe_and_coloured_on_a_terminal(cause):

@@ -11,6 +11,7 @@ from piezo_stack_sim.gap.wording import (
     VERDICTS)
 
 LINES = 25
+WORTH = 0.01  # share of the gap's power from which a block is worth a word
 _COLOURS = {'NO_GAP': 'green', 'CAUSE': 'cyan', 'MULTIPLE': 'cyan', 'AMBIGUOUS': 'yellow',
             'UNKNOWN': 'red', 'NOT_IDENTIFIABLE': 'yellow'}
 # For terminals and pipes that take no UTF-8
@@ -111,31 +112,44 @@ def _gap(diagnosis):
 
 
 def _where(diagnosis):
-    """Return the block's line and a line on recordings, bands and regimes."""
+    """Return a line on the block and what each cut has, and one on recordings, bands, regimes."""
     where = diagnosis['where']
     if diagnosis['verdict'] == 'NO_GAP':
         return []
-    lines = [f'Where   {_largest(where["shares"], 4) or "cannot be said"}']
-    details = []
-    if where['records']:
-        details.append(f'{_largest(where["records"], 1, plain=True)}')
-    if where['bands']:
-        band = max(where['bands'], key=lambda row: row['share'])
-        high = '' if band['high'] is None else f' to {band["high"]:g}'
-        details.append(f'{band["low"]:g}{high} Hz {percent(band["share"])}'
-                       if high else f'above {band["low"]:g} Hz {percent(band["share"])}')
-    if where['regimes']:
-        regime = max(where['regimes'], key=lambda row: row['share'])
-        if regime['share']:
-            details.append(f'{regime["name"]} {percent(regime["share"])}')
+    block, by_cuts = where['block'], _largest(where['shares'], 3)
+    parts = [part for part in (
+        f'{block} block' if block else '',
+        f'by the cuts {by_cuts}' if block and by_cuts else by_cuts) if part]
+    lines = [f'Where   {"; ".join(parts) or "cannot be said"}']
+    details = [part for part in (
+        _largest(where['records'], 1, plain=True), _largest_band(where['bands']),
+        _largest_regime(where['regimes'])) if part]
     if details:
         lines.append(f'        {"; ".join(details)}')
     return [(line, '') for line in lines]
 
 
+def _largest_band(bands):
+    """Return the band with most of the gap, '' if none has any."""
+    band = max(bands, key=lambda row: row['share'], default=None)
+    if not band or not band['share']:
+        return ''
+    if band['high'] is None:
+        return f'above {band["low"]:g} Hz {percent(band["share"])}'
+    return f'{band["low"]:g} to {band["high"]:g} Hz {percent(band["share"])}'
+
+
+def _largest_regime(regimes):
+    """Return the regime with most of the gap, '' if none has any."""
+    regime = max(regimes, key=lambda row: row['share'], default=None)
+    return f'{regime["name"]} {percent(regime["share"])}' if regime and regime['share'] else ''
+
+
 def _largest(shares, count, plain=False):
-    ordered = [(key, share) for key, share in sorted(shares.items(), key=lambda item: -item[1])
-               if share > 0.0][:count]
+    """Return the largest shares; less than one per cent only if nothing is more."""
+    ordered = sorted(((key, share) for key, share in shares.items() if share > 0.0),
+                     key=lambda item: -item[1])[:count]
+    ordered = [row for row in ordered if row[1] >= WORTH] or ordered[:1]
     return listing((f'{key if plain else words(key)} {percent(share)}' for key, share in ordered),
                    last='and')
 

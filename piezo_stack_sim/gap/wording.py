@@ -18,6 +18,8 @@ VERDICTS = {
 LITTLE = 1.2  # times the noise up to which a simulation agrees as it is
 APART = 1.0  # times the noise by which causes must differ in an experiment to be told apart
 HIDDEN = 1.05  # times the noise below which a channel as a whole does not stand out of it
+SEEN = 1.1  # times the noise from which the displacement has a gap to speak of
+QUIET = 'no recording stands out of the noise'  # as a reason begins where that is so
 
 
 def verdict_sentence(diagnosis):
@@ -49,8 +51,8 @@ def verdict_sentence(diagnosis):
                 f'{smaller}.')
     if verdict == 'UNKNOWN' and _is_hidden(diagnosis):
         return (f'All in all the simulation agrees with the recordings to within the noise'
-                f'{_sizes(diagnosis["gap"])}; but{_in_recording(diagnosis)} something stands out '
-                f'of it that nothing in the library explains{sure}.')
+                f'{_sizes(diagnosis["gap"])}; but{_hides(diagnosis)} that nothing in the library '
+                f'explains{sure}.')
     if verdict == 'UNKNOWN':
         return f'Nothing in the library explains the gap{sure}{_lies(diagnosis)}{smaller}.'
     return f'These recordings cannot say what causes the gap{sure}{_lies(diagnosis)}{smaller}.'
@@ -105,12 +107,23 @@ def alternatives(diagnosis):
 
 
 def lead_channel(diagnosis):
-    """Return the channel to speak of first: displacement, or else the one with the widest gap."""
-    gap = diagnosis['gap']
+    """
+    Return the channel to speak of first: displacement, or where that has no gap the widest.
+
+    Of leakage, say, only the charge tells.
+    """
+    gap, shrinkage = diagnosis['gap'], shrinkage_channels(diagnosis)
     if not gap:
         return None
-    return 'displacement' if 'displacement' in gap else max(
-        gap, key=lambda channel: gap[channel]['over_noise'] or 0.0)
+
+    def times(channel):
+        return gap[channel]['over_noise'] or 0.0
+
+    told = [channel for channel in gap if shrinkage.get(channel, {}).get('S') is not None]
+    if 'displacement' in gap and (
+            not told or 'displacement' in told and times('displacement') >= SEEN):
+        return 'displacement'
+    return max(told or gap, key=times)
 
 
 def shrinkage_channels(diagnosis):
@@ -205,6 +218,13 @@ def _is_hidden(diagnosis):
     """Tell whether no channel as a whole stands out of its noise."""
     ratios = [row['over_noise'] for row in diagnosis['gap'].values()]
     return bool(ratios) and all(ratio is not None and ratio < HIDDEN for ratio in ratios)
+
+
+def _hides(diagnosis):
+    """Return where something stands out of the noise, or what tells of it if it does not."""
+    if (diagnosis.get('reason') or '').startswith(QUIET):
+        return ' a flexible correction finds something in them'
+    return f'{_in_recording(diagnosis)} something stands out of it'
 
 
 def _in_recording(diagnosis):
