@@ -96,8 +96,7 @@ def powers(real: Path, simulated: Path, nominal: Device) -> dict[str, float]:
     said = [answers[recording.name].measured for recording in checked]
     evidence = prepare(checked.recordings, said)
     residual = np.concatenate([
-        (evidence.tracks[i].measured[c] - evidence.tracks[i].average(said[i][c]))
-        / evidence.tracks[i].sigma[c] for i, c in evidence.keys])
+        evidence.tracks[i].weighted(c, said[i][c]) for i, c in evidence.keys])
     return channel_power(evidence, residual, centred=True)
 
 

@@ -25,7 +25,7 @@ ANSWER = 64  # rows after which a step has been answered
 SMALL = 2e-3  # of the span, a step whose answer is taken: less than breaks an element
 FAINT = 0.05  # part of the best answered frequency's power below which nothing is turned back
 TOLD = 0.15  # part of what the command must have missed that steps tell; others tell a hundredth
-CHANCE = 3.0  # times what chance tells, by the logarithm of how many steps are tried
+CHANCE = 2.0  # times what chance tells, by the logarithm of how many steps are tried
 SIZED = 0.3  # and part from which it is believed how large they are
 
 
@@ -54,7 +54,7 @@ def suspect_steps(device: Device, evidence: Evidence, cuts: Sequence[dict]) -> S
     best = int(np.argmax(told))
     rows = sum(back.size for _, back in missed)
     # Of few rows chance alone tells as much, of so many sizes that were tried.
-    if told[best] < (TOLD + CHANCE * math.log(steps.size) / rows) * total:
+    if told[best] < max(TOLD, CHANCE * math.log(steps.size) / rows) * total:
         return None
     # Rows as far apart as the steps, or steps finer than those tried, mislead on the size.
     size = f' of {significant(float(steps[best]), 2)} V' if told[best] > SIZED * total else ''
