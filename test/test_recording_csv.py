@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies
 import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording import (
-    CsvWriter, parse_mapping, parse_units, read_csv, Recording, RecordingSet, write_csv,
+    CsvWriter, parse_mapping, parse_units, read_csv, read_set, Recording, RecordingSet, write_csv,
     write_csv_set,
 )
 import pytest
@@ -149,6 +149,67 @@ def test_brackets_behind_a_mapped_column_give_its_unit(tmp_path):
         read_csv(path, parse_mapping(['displacement=Weg [V]']))
     assert read_csv(path, parse_mapping(['displacement=Weg [V]']), parse_units(
         ['displacement=um'])).measured['displacement'][1] == pytest.approx(1e-13)
+
+
+@pytest.mark.parametrize('channel, name, factor', [
+    ('displacement', 'displacement_um', 1e-6), ('displacement', 'Displacement (nm)', 1e-9),
+    ('voltage_command', 'voltage_command_mV', 1e-3), ('voltage_command', 'voltage_mV', 1e-3),
+    ('time', 'time_ms', 1e-3)])
+def test_a_mapped_column_keeps_the_unit_of_its_own_name(tmp_path, channel, name, factor):
+    path = written(tmp_path, GOOD.replace(channel, name))
+    mapping = parse_mapping([f'{channel}={name}'])
+    read, plain = (read_csv(each, which) for each, which in (
+        (path, mapping), (written(tmp_path, GOOD, 'plain.csv'), None)))
+    assert read.columns()[channel] == pytest.approx(plain.columns()[channel] * factor)
+    assert any(f'the header gives {channel} in' in str(each) for each in read.findings)
+    said = read_csv(path, mapping, parse_units([f'{channel}=2']))
+    assert said.columns()[channel] == pytest.approx(plain.columns()[channel] * 2.0)
+
+
+@pytest.mark.parametrize('unit', ['kg', 'g', 'kgf', 'gf', 'lbf', 'in', 'mil', '%'])
+def test_a_unit_outside_the_si_is_refused_behind_a_mapped_column(tmp_path, unit):
+    path = written(tmp_path, GOOD.replace('displacement', f'cell [{unit}]'))
+    for channel, base in (('external_force', 'N'), ('displacement', 'm')):
+        mapping = parse_mapping([f'{channel}=cell [{unit}]'])
+        with pytest.raises(InputError, match=f'is no unit of it: expected {base} .*overrules'):
+            read_csv(path, mapping)
+        assert read_csv(path, mapping, parse_units([f'{channel}=2']))
+
+
+def test_a_word_in_brackets_that_may_be_no_unit_is_noted(tmp_path):
+    for word, noted in (('Sensor', True), ('Mikrometer', True), ('2', False)):
+        path = written(tmp_path, GOOD.replace('displacement', f'Weg ({word})'))
+        findings = [str(each) for each in
+                    read_csv(path, parse_mapping([f'displacement=Weg ({word})'])).findings]
+        assert [f'{word} is taken for no unit' in each for each in findings] == [True] * noted
+
+
+def test_the_volts_of_a_sensor_are_no_contradiction_to_an_arbitrary_displacement(tmp_path):
+    path = written(tmp_path, GOOD.replace('displacement', 'Weg [V]'))
+    recording = read_set(path, ['displacement=Weg [V]'], ['displacement=arbitrary'])['run']
+    assert recording.arbitrary
+    assert recording.measured['displacement'].tolist() == [0.0, 1e-7, 2.5e-7]
+
+
+@pytest.mark.parametrize('text, complaint', [
+    ('# drive: open\n' + GOOD, ': the file says drive open, but voltage_command commands'),
+    ('# drive: charge\n' + GOOD, ': the file says drive charge, but voltage_command commands'),
+    ('# drive: charge\ntime,voltage_command\n0,0\n1,0\n',
+     ': no charge_command: map one (--map charge_command=...), or, correct what it says'),
+    ('# drive: open\n# drive: shorted\ntime,displacement\n0,0\n', ': row 2: drive shorted, after'),
+])
+def test_a_drive_that_contradicts_the_columns_is_refused(tmp_path, text, complaint):
+    assert error(written(tmp_path, text)).startswith(complaint)
+
+
+def test_a_command_that_is_zero_contradicts_no_drive(tmp_path):
+    text = '# drive: open\n# drive: open\ntime,voltage_command,displacement\n0,0,0\n1,,1e-6\n'
+    assert read_csv(written(tmp_path, text)).drive == 'open'
+
+
+def test_a_minus_of_typography_is_shown_as_it_is_written(tmp_path):
+    text = error(written(tmp_path, GOOD.replace('1e-7', '\u22125')))
+    assert text.startswith(": row 3, column 'displacement': '\u22125' is not a number: write its")
 
 
 def test_what_a_spreadsheet_writes_above_the_header_is_passed_over(tmp_path):

@@ -139,6 +139,7 @@ def test_a_unit_is_a_factor_to_si(text, scale):
 @pytest.mark.parametrize('text', [
     'displacement=V', 'displacement=0', 'displacement=', 'displacement=inch', 'voltage=1/2',
     'voltage=1e999', 'voltage=--1', 'voltage=nan', 'time=min', 'charge=2**3', 'voltag=V',
+    'displacement=1e-300*pm', 'displacement=1e300*km',
 ])
 def test_a_unit_of_something_else_is_refused(text):
     with pytest.raises(InputError, match='--unit'):

@@ -52,7 +52,7 @@ def choose_drive(source, columns, stated=None):
     columns : dict of str to ndarray
         What was read; both commands may be among it.
     stated : str, optional
-        The drive that the file itself states.
+        The drive that the file itself states; another command must be zero throughout then.
 
     Returns
     -------
@@ -62,20 +62,27 @@ def choose_drive(source, columns, stated=None):
     Raises
     ------
     InputError
-        No command, or two of them.
+        No command, or two of them, or another one than stated.
 
     """
     present = [name for name in COMMANDS if name in columns]
+    if stated:
+        other = next((name for name in present if name != f'{stated}_command'
+                      and _active(columns[name])), None)
+        if other:
+            raise InputError(f'{source}: the file says drive {stated}, but {other} commands '
+                             f'something: a contradiction: correct one of them')
     if stated in ('open', 'shorted'):
         return stated, None, []
     if stated:
         present = [name for name in present if name == f'{stated}_command']
     if not present:
         wanted = ' or '.join(COMMANDS) if not stated else f'{stated}_command'
-        raise InputError(
-            f'{source}: no {wanted}: map one (--map voltage_command=...), or, when the leads were '
-            'open or shorted, say so in the file ("# drive: open" above the header of a CSV file)'
-        )
+        leads = ('when the leads were open or shorted, say so in the file ("# drive: open" above '
+                 'the header of a CSV file)' if not stated
+                 else f'correct what it says, drive {stated}')
+        raise InputError(f'{source}: no {wanted}: map one (--map '
+                         f'{wanted.partition(" ")[0]}=...), or, {leads}')
     findings = []
     if len(present) == 2:
         active = [name for name in present if _active(columns[name])]

@@ -342,6 +342,7 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
     for name, factor in (units or {}).items():
         if name in columns:
             columns[name] = columns[name] * factor
+        if name in columns and factor != 1.0:
             findings.append(Finding(source, None, NOTE, f'{name} is multiplied by {factor:g}',
                                     'as --unit says'))
     recording = assemble(

@@ -19,12 +19,14 @@ from piezo_stack_sim.recording.assemble import (
 )
 from piezo_stack_sim.recording.finding import Finding, NOTE, REPAIRED, shown
 from piezo_stack_sim.recording.mapping import (
-    boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
+    boxed, boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
+from piezo_stack_sim.recording.recording import UNITS
 
 _BLOCK = 1 << 22
 _LOT = 1 << 16  # rows, which any step divides
 _SPREADSHEET = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # what tells Excel the separator
 _LONGEST_LINE = 1 << 20
+MINUS = '\u2212'
 _MISSING = {'', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none'}
 _BROKEN = (EOFError, gzip.BadGzipFile, zlib.error)
 
@@ -111,7 +113,7 @@ class _Header:
             if line.startswith('#'):
                 key, _, value = line[1:].partition(':')
                 if key.strip().lower() == 'drive':
-                    self.drive = checked_drive(path, value)
+                    self._state(number, checked_drive(path, value))
             elif line and not _SPREADSHEET.fullmatch(line):
                 break
         else:
@@ -127,6 +129,13 @@ class _Header:
         self.rest = block[position:]
         self.decimal = None  # how fractions are written, from the first that is met
         self.units = self._take_units()
+
+    def _state(self, number, drive):
+        """Take what a comment says of the drive."""
+        if self.drive not in (None, drive):
+            raise InputError(f'{self.path}: row {number}: drive {drive}, after drive {self.drive} '
+                             'above: a recording has one drive: remove the wrong line')
+        self.drive = drive
 
     def _take_units(self):
         """Return the cells of a row of units below the names, and go past it; none if not so."""
@@ -187,15 +196,23 @@ class _Columns:
             if header.units[place]:
                 self._scale(channel, header.units[place], self._unit(channel, header))
             elif tag:
-                self._scale(*tag)
+                self._scale(channel, *tag)
+            elif any(map(str.isalpha, boxed(names[place]))):
+                self._note(place, f'{boxed(names[place])} is taken for no unit: {channel} is read '
+                           f'in {UNITS[channel]}', f'if it is one, say so with --unit {channel}=')
         for channel, factor in units.items():
             if channel in self.index:
                 self.scale[channel] = factor
-                self._note(self.index[channel], f'{channel} is multiplied by {factor:g} (--unit)')
+                if factor != 1.0:
+                    self._note(self.index[channel],
+                               f'{channel} is multiplied by {factor:g} (--unit)')
         self._check(header.drive)
 
     def _boxed(self, channel, name):
-        """Return the unit in the brackets of a header, None if there is none."""
+        """Return the unit that the name of a mapped column gives, None if there is none."""
+        own = header_unit(name)
+        if own and UNITS[own[0]] == UNITS[channel]:
+            return own[1:]
         try:
             return boxed_unit(channel, name)
         except InputError as error:
@@ -266,7 +283,7 @@ def _careful(path, lines, numbers, header, columns):
     """Parse lines cell by cell: quotes and missing cells are understood, the rest is named."""
     out = np.empty((len(lines), len(columns.index)))
     for k, line in enumerate(lines):
-        cells = _split(path, line.decode('latin-1'), int(numbers[k]), header.delimiter)
+        cells = _split(path, line.decode('utf-8', 'replace'), int(numbers[k]), header.delimiter)
         if len(cells) != len(header.names):
             raise InputError(
                 f'{path}: row {numbers[k]}: {len(cells)} cells, but the header has '
@@ -276,7 +293,8 @@ def _careful(path, lines, numbers, header, columns):
             value = _fraction(cells[place], header)
             if value is None:
                 marked = header.delimiter != ',' and set(cells[place]) & {',', '.'}
-                mend = ': write all decimals with a point' if marked else ''
+                mend = (': write all decimals with a point' if marked else
+                        f': write its minus as -, not as {MINUS}' if MINUS in cells[place] else '')
                 raise InputError(
                     f'{path}: row {numbers[k]}, column {shown(header.names[place])}: '
                     f'{shown(cells[place])} is not a number{mend}'

@@ -19,7 +19,6 @@ Nothing here is evaluated: both are matched against a grammar.
 
 from dataclasses import dataclass
 import difflib
-import math
 import re
 
 from piezo_stack_sim.errors import InputError
@@ -29,13 +28,19 @@ from piezo_stack_sim.recording.recording import UNITS
 CHANNELS = tuple(UNITS)
 ARBITRARY = 'arbitrary'
 _PREFIXES = {'': 1.0, 'k': 1e3, 'm': 1e-3, 'u': 1e-6, 'µ': 1e-6, 'μ': 1e-6, 'n': 1e-9, 'p': 1e-12}
+_HUGE = 1e30  # no factor between units is as large
 _TOPIC = re.compile(r'/[A-Za-z0-9_~]+(?:/[A-Za-z0-9_]+)*')
 _FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)|\[([0-9]{1,6})\]')
 _UNIT = re.compile(
     r'(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?(?:[eE][+-]?\d{1,3})?)\s*\*?)?'
     r'\s*(?P<unit>[A-Za-zµμ]*)'
 )
-_OTHER_UNITS = {'min', 'h', 'sec', 'msec', 'usec', 'A', 'mA', 'K', 'Hz', 'kHz', 'Pa', 'deg', 'rad'}
+# What looks like a unit and is none of a channel, or none of the SI.
+_OTHER_UNITS = {
+    'min', 'h', 'sec', 'msec', 'usec', 'A', 'mA', 'uA', 'W', 'K', 'C/V', 'Hz', 'kHz', 'Pa', 'kPa',
+    'MPa', 'bar', 'psi', 'deg', 'rad', 'kg', 'g', 'mg', 't', 'kgf', 'gf', 'kp', 'p', 'lbf', 'lb',
+    'lbs', 'oz', 'ozf', 'dyn', 'MN', 'in', 'inch', 'mil', 'mils', 'thou', 'ft', 'cm', 'dm', 'F',
+    'nF', 'uF', 'pF', 'Ohm', '%', 'm/s', 'N/m', 'N/um', '°C', 'LSB', 'counts', 'ticks', 'steps'}
 _HEADER_UNIT = re.compile(
     r'(?P<name>.+?)(?:\s*[\[(](?P<boxed>[^\])]+)[\])]|[ _/](?P<tail>[^ _/()\[\]]+))'
 )
@@ -162,7 +167,7 @@ def unit_scale(quantity, text):
     Returns
     -------
     float
-        Not zero and finite.
+        Neither zero nor beyond reason.
 
     Raises
     ------
@@ -178,10 +183,11 @@ def unit_scale(quantity, text):
         scale = _PREFIXES.get(unit[:-len(base)]) if unit.endswith(base) else None
     if match and scale:
         scale *= float(match['factor'] or 1.0) * (-1.0 if match['sign'] == '-' else 1.0)
-    if not scale or not math.isfinite(scale):
+    if not scale or not 1.0 / _HUGE <= abs(scale) <= _HUGE:
         raise InputError(
             f'--unit {quantity}: {shown(text)} is no unit of it: expected {base} with a prefix of '
             'k, m, u, n, p, or a factor, or both as in 2.5*um, and a sign'
+            + (f', between {1.0 / _HUGE:g} and {_HUGE:g}' if scale is not None else '')
             + (f'; or {ARBITRARY}' if quantity == 'displacement' else '')
         )
     return scale
@@ -237,9 +243,20 @@ def header_unit(header):
     return _tagged(match['name'].strip().lower(), match['boxed'] or match['tail'])
 
 
+def boxed(header):
+    """Return what stands in the brackets behind the name of a column, '' without any."""
+    match = _HEADER_UNIT.fullmatch(header.strip()[:80])
+    return (match['boxed'] or '').strip() if match else ''
+
+
 def boxed_unit(channel, header):
     """
-    Return the same for a column of any name that is mapped to a channel: ``x [um]``.
+    Take the brackets of a column of any name that is mapped to a channel: ``x [um]``.
+
+    Returns
+    -------
+    tuple of (str, float) or None
+        Unit and factor to SI; None when there is no unit in brackets.
 
     Raises
     ------
@@ -247,14 +264,11 @@ def boxed_unit(channel, header):
         When there is the unit of something else in the brackets.
 
     """
-    match = _HEADER_UNIT.fullmatch(header.strip()[:80])
-    if not match or not match['boxed']:
-        return None
-    tagged = _tagged(channel, match['boxed'])
-    word = match['boxed'].strip()
+    word = boxed(header)
+    tagged = _tagged(channel, word)
     if tagged is None and (word in _OTHER_UNITS or any(_tagged(name, word) for name in UNITS)):
         unit_scale(channel, word)
-    return tagged
+    return tagged and tagged[1:]
 
 
 def _tagged(channel, unit):

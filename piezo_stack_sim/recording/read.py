@@ -120,6 +120,8 @@ def read_set(paths, mapping=None, units=None, progress=None):
     """
     arbitrary = is_displacement_arbitrary(units)
     mapping, units = parse_mapping(mapping), parse_units(units)
+    if arbitrary:
+        units['displacement'] = 1.0  # and no unit that a file may give
     if isinstance(paths, (str, os.PathLike)):
         paths = [paths]
     paths = [Path(path) for path in paths]
