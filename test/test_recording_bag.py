@@ -290,6 +290,30 @@ def test_a_large_bag_is_thinned_out_and_keeps_its_commands(tmp_path):
     assert any('one row in 3 was kept' in str(each) for each in recording.findings)
 
 
+@pytest.mark.parametrize('step', [3, 7])
+def test_a_message_that_a_large_bag_lacks_shifts_nothing(tmp_path, step):
+    lost = (100, 101, 102, 107, 500)
+    path = unstamped(tmp_path / 'run', lost=lost, count=1050)
+    recording = read_bag(path, max_values=9450 // step)
+    rows = np.arange(0, 1050, step)
+    assert recording.rows.tolist() == (rows + 1).tolist()
+    voltage = recording.measured['voltage']
+    assert rows[np.isnan(voltage)].tolist() == [k for k in lost if k % step == 0]
+    kept = ~np.isnan(voltage)
+    assert np.allclose(voltage[kept], 0.1 * rows[kept])
+
+
+def test_a_slower_topic_of_a_large_bag_is_interpolated_between_its_own_messages(tmp_path):
+    messages = list(ticks(600, offset=10**15))
+    messages += [(5 * PERIOD + k * 5 * PERIOD + 700_000, '/laser/charge', number(50.0 * k))
+                 for k in range(120) if k != 17]
+    path = bag(tmp_path / 'run', sorted(messages, key=lambda each: each[0]))
+    recording = read_bag(path, max_values=1000)
+    step = int(recording.rows[1] - recording.rows[0])
+    assert step > 1
+    assert np.allclose(recording.measured['charge'][:-2], 10.0 * (recording.rows[:-2] - 1.0))
+
+
 def test_a_killed_recorders_mcap_is_read_up_to_its_end(tmp_path):
     write_bag(pushed(300), tmp_path / 'run')
     data = (tmp_path / 'run/run.mcap').read_bytes()

@@ -35,17 +35,39 @@ _MOVES = 0.05
 
 @dataclass
 class _Stream:
-    """What arrived for one channel: arrival (s), stamp (ns or None), value."""
+    """
+    What is kept of what arrived for one channel: arrival (s), stamp (ns or None), value.
+
+    Beside rows that are thinned out that is the last message before each kept row and the first
+    two after it, so that a lost one shifts nothing.
+    """
 
     arrival: array = field(default_factory=lambda: array('d'))
     stamp: list = field(default_factory=list)
     value: array = field(default_factory=lambda: array('d'))
     count: int = 0
+    _last: tuple | None = None
+    _wanted: int = 0
 
     def append(self, arrival, stamp, value):
         self.arrival.append(arrival)
         self.stamp.append(stamp)
         self.value.append(value)
+
+    def pass_by(self, message):
+        """Keep a message that follows a kept row closely, remember any other."""
+        if self._wanted:
+            self.append(*message)
+            self._wanted -= 1
+            self._last = None
+        else:
+            self._last = message
+
+    def mark(self):
+        """Keep the last message, and the next two: a row that is kept has arrived."""
+        if self._last is not None:
+            self.append(*self._last)
+        self._last, self._wanted = None, 2
 
 
 def _base_channel(source, sources):
@@ -65,9 +87,10 @@ class _Collector:
     """
     Rows built while the messages stream by, so that memory holds only what is kept.
 
-    Of every `step` messages of each topic one is kept. The inputs of a row are closed when the
-    base topic's next message arrives; those of a kept row are the mean of its own and of the
-    rows after it that are not kept, as they all act before the next kept row is sampled.
+    Of every `step` messages of the base topic one is kept, and of the others those around it. The
+    inputs of a row are closed when the base topic's next message arrives; those of a kept row are
+    the mean of its own and of the rows after it that are not kept, as they all act before the
+    next kept row is sampled.
 
     """
 
@@ -99,10 +122,18 @@ class _Collector:
             if each.channel in self.held:
                 self.held[each.channel] = value
             if each.channel in self.streams:
-                stream = self.streams[each.channel]
-                if stream.count % self.step == 0:
-                    stream.append(seconds, stamp, value)
-                stream.count += 1
+                self._keep_measured(each.channel, (seconds, stamp, value))
+
+    def _keep_measured(self, channel, message):
+        stream = self.streams[channel]
+        if channel != self.base and self.step > 1:
+            stream.pass_by(message)
+        elif stream.count % self.step == 0:
+            stream.append(*message)
+            for name, other in self.streams.items():
+                if name != self.base and self.step > 1:
+                    other.mark()
+        stream.count += 1
 
     def _close(self):
         """Give the last row the inputs that are in force now."""
@@ -127,10 +158,10 @@ class _Collector:
             self._keep(rest)
 
 
-def _rate(arrival):
+def _rate(stream):
     """Return messages a second."""
-    span = arrival[-1] - arrival[0] if len(arrival) > 1 else 0.0
-    return (len(arrival) - 1) / span if span > 0.0 else 0.0
+    span = stream.arrival[-1] - stream.arrival[0] if len(stream.arrival) > 1 else 0.0
+    return (stream.count - 1) / span if span > 0.0 else 0.0
 
 
 def _stamps(stream):
@@ -157,6 +188,13 @@ def _nearest(base, other, period):
     return np.where(np.abs(other[nearer] - base) <= 0.6 * period, nearer, -1)
 
 
+def _phase(base, other, period):
+    """Return how long after a base row its message comes, s, between - and + half a period."""
+    near = _nearest(base, other, period)
+    turns = (other[near[near >= 0]] - base[near >= 0]) / period
+    return float(np.angle(np.sum(np.exp(2j * np.pi * turns)))) / (2.0 * np.pi) * period
+
+
 def _by_grid(base, other):
     """Return for each base row the index of the message of the same period, or -1; or None."""
     grids = find_grid(base), find_grid(other)
@@ -175,7 +213,8 @@ def _join(source, name, base, other):
     findings = []
     if not len(arrival):
         raise InputError(f'{source}: {name} has no messages')
-    if len(arrival) == len(rows) and _same_ticks(rows, arrival):
+    whole = len(rows) == base.count
+    if whole and len(arrival) == len(rows) and _same_ticks(rows, arrival):
         return value, findings
     stamps, own = _stamps(base), _stamps(other)
     if stamps is not None and own is not None:
@@ -183,17 +222,19 @@ def _join(source, name, base, other):
         found = own[place] == stamps
         if np.mean(found) > 0.5 and np.all(np.diff(own) > 0):
             return np.where(found, value[place], np.nan), findings
-        period = np.median(np.diff(rows)) if len(rows) > 1 else 1.0
+        period = 1.0 / (_rate(base) or 1.0)
         offset = np.median(np.interp(rows, arrival, own * 1e-9) - stamps * 1e-9)
         if abs(offset) > period:
             findings.append(Finding(
                 source, None, NOTE, f'the clock of {name} is {offset:.6g} s ahead of the others',
                 'joined by the times of arrival'))
-    rates = _rate(rows), _rate(arrival)
+    rates = _rate(base), _rate(other)
     if rates[0] and 0.8 < rates[1] / rates[0] < 1.25:
-        index = _by_grid(rows, arrival)
+        index = _by_grid(rows, arrival) if whole else None
         if index is None:
-            index = _nearest(rows, arrival, 1.0 / rates[0])
+            period = 1.0 / rates[0]
+            late = 0.0 if whole else _phase(rows, arrival, period)
+            index = _nearest(rows + late, arrival, period)
         return np.where(index >= 0, value[index], np.nan), findings
     findings.append(Finding(
         source, None, NOTE, f'{name} came at {rates[1]:.4g} Hz, the rows at {rates[0]:.4g} Hz',
