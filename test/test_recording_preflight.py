@@ -412,6 +412,29 @@ def test_a_few_missing_samples_are_filled_in():
     assert np.allclose(passed.measured['charge'], recording.measured['charge'], atol=1e-6)
 
 
+def test_rows_at_the_ends_whose_samples_are_missing_are_left_out():
+    recording = slow()
+    values = recording.measured['charge'].copy()
+    values[[0, 1, 800, 2998, 2999]] = np.nan
+    passed, finding = mended(with_channel(recording, 'charge', values))
+    assert finding.endswith('filled in by straight lines, the first 2 rows are left out, the last '
+                            '2 rows are left out')
+    assert np.array_equal(passed.command, recording.command[2:2998])
+    assert passed.time == pytest.approx(recording.time[:2996])
+    assert passed.rows.tolist() == recording.rows[2:2998].tolist()
+    assert np.allclose(passed.measured['charge'], recording.measured['charge'][2:2998], atol=1e-6)
+
+
+def test_a_first_row_in_which_the_device_jumps_is_kept_whatever_is_missing_there():
+    recording = from_rest(40.0 + 0.5 * np.sin(2.0 * np.pi * 50e-4 * np.arange(3000)))
+    values = recording.measured['displacement'].copy()
+    values[0] = np.nan
+    passed, finding = checked(with_channel(recording, 'displacement', values))
+    assert np.array_equal(passed[0].command, recording.command)
+    assert passed[0].start == (0.0, 0.0)
+    assert 'the first 1 rows, in which others jump, hold the value that follows' in finding[0]
+
+
 def test_a_channel_that_is_mostly_missing_is_left_out():
     recording = slow()
     values = np.where(np.arange(3000) < 2000, recording.measured['charge'], np.nan)

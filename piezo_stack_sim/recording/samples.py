@@ -20,6 +20,8 @@ _SPIKE = 10.0
 _REPEATED, _STAND_INS = 3, 0.2
 # What no stack is given: a force (N), a voltage (V), a charge (C).
 _CRUSHING, _IMPOSSIBLE = 1e5, {'voltage': 2e3, 'charge': 0.1}
+# Part of a channel's range that is a jump.
+_LEAP = 0.3
 # Part of the rows up to which an input that leaves its rest is a pulse.
 _RARE = 0.05
 # An offset that is no noise, disturbance or drift, as a part of the channel's range.
@@ -171,6 +173,8 @@ def check_missing(recording):
     """
     Fill in missing measured values where they are few, else leave the channel out.
 
+    Rows at the ends in which a few are missing are left out.
+
     Returns
     -------
     tuple of (Recording, list of Finding)
@@ -182,7 +186,8 @@ def check_missing(recording):
 
     """
     findings = []
-    for channel, values in recording.measured.items():
+    for channel in recording.measured:
+        values = recording.measured[channel]
         bad = ~np.isfinite(values)
         if not bad.any():
             continue
@@ -192,12 +197,10 @@ def check_missing(recording):
         runs = runs_of(bad)
         longest = int((runs[:, 1] - runs[:, 0]).max())
         if stride or (longest <= _SHORT_RUN and bad.sum() <= _FILLED * bad.size):
-            rows = np.arange(bad.size)
-            values = np.interp(rows, rows[~bad], values[~bad])
-            recording = recording.replace(measured={**recording.measured, channel: values})
             how = f'measured every {stride}th row only: ' if stride else ''
-            findings.append(found(recording, first, REPAIRED, what,
-                                  f'{how}filled in by straight lines'))
+            filled, mend = _filled_in(recording, channel, bad)
+            findings.append(found(recording, first, REPAIRED, what, how + mend))
+            recording = filled
         elif bad.all() or len(recording.measured) > 1:
             findings.append(found(recording, first, REPAIRED, what,
                                   f'{channel} of this recording is not used'))
@@ -210,6 +213,31 @@ def check_missing(recording):
         else:
             raise refuse(recording, first, what, 'record it again')
     return recording, findings
+
+
+def _filled_in(recording, channel, bad):
+    """
+    Return the recording with lines through missing samples, and what was done, in words.
+
+    Nothing tells of the samples before the first one that is there and after the last: these rows
+    are left out, unless something else jumps in the first of them, as from rest to a bias.
+    """
+    rows = np.arange(bad.size)
+    good = rows[~bad]
+    values = np.interp(rows, good, recording.measured[channel][good])
+    start, end = int(good[0]), int(good[-1]) + 1
+    mend = [] if bad[start:end].sum() == 0 else ['filled in by straight lines']
+    if start and any(abs(x[start] - x[0]) > _LEAP * np.ptp(x)
+                     for name, x in recording.measured.items() if name != channel):
+        mend.append(f'the first {start} rows, in which others jump, hold the value that follows')
+        start = 0
+    left_out = [f'the {which} {count} rows are left out' for which, count in
+                (('first', start), ('last', bad.size - end)) if count]
+    recording = recording.replace(measured={**recording.measured, channel: values})
+    if left_out:
+        recording = recording.take(slice(start, end))
+        recording = recording.replace(time=recording.time - recording.time[0])
+    return recording, ', '.join([*mend, *left_out])
 
 
 def _stride(bad):
