@@ -76,6 +76,26 @@ def atomic_path(path):
         partial.unlink(missing_ok=True)
 
 
+def check_file(path):
+    """
+    Ask whether a file can be written, before what takes long is done for it.
+
+    Raises
+    ------
+    InputError
+        When it is a folder, or what should be a folder above it is none or must not be written
+        into.
+
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f'{path}: is a folder: expected the name of a file to write')
+    above = next((each for each in path.absolute().parents if os.path.lexists(each)), None)
+    if above is None or not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        raise InputError(f'{path}: cannot be written: {above} is no folder that can be written '
+                         'into; choose another')
+
+
 def make_folder(path):
     """
     Make a folder and those above it, if they are missing; return its Path.

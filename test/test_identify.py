@@ -223,6 +223,43 @@ def test_a_command_before_an_amplifier_is_no_command_of_the_stack(tmp_path, caps
                  '--unit', 'voltage_command=15', '--elements', '4']) == 0
 
 
+@pytest.mark.parametrize('channel', ['charge', 'displacement', 'voltage_command',
+                                     'external_force'])
+def test_what_was_wired_the_wrong_way_round_is_asked_for(tmp_path, capsys, channel):
+    turned = [each.replace(
+        command=each.command * (-1.0 if channel == 'voltage_command' else 1.0),
+        external_force=each.external_force * (-1.0 if channel == 'external_force' else 1.0),
+        measured={name: -x if name == channel else x for name, x in each.measured.items()})
+        for each in answered(slow(), push())]
+    write_csv_set(RecordingSet('set', tuple(turned)), tmp_path / 'set')
+    arguments = ['identify', str(tmp_path / 'set'), '--out', str(tmp_path / 'x.yaml'),
+                 '--elements', '4']
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert f'--unit {channel}=-' in error and error.count('\n') == 1
+    mend = error.partition('--unit ')[2].partition(' ')[0]
+    assert main([*arguments, '--unit', mend]) == 0
+
+
+def test_a_mass_whose_resonance_lies_beyond_the_rows_is_not_determined():
+    slower = programmes.multisine(
+        period=0.04, periods=2, lines=25, band=(50.0, 4000.0), rate=20e3)
+    estimates = by_name(identify(noisy(answered(slow(), slower, push()), 5), elements=4))
+    for name in ('mass', 'damping'):  # 12.8 kHz, at 20 kHz
+        assert not estimates[name].determined and estimates[name].half_width > 1.0
+        assert 'at 3 rows or more to its period' in estimates[name].advice
+    assert estimates['T/C'].determined
+
+
+def test_a_folder_is_no_file_to_write_to_and_that_is_told_before_the_fit(tmp_path, capsys):
+    write_csv_set(RecordingSet('set', tuple(answered(push()))), tmp_path / 'set')
+    (tmp_path / 'file').write_text('mine')
+    for out, why in ((tmp_path, 'is a folder'), (tmp_path / 'file' / 'x.yaml', 'is no folder')):
+        assert main(['identify', str(tmp_path / 'set'), '--out', str(out)]) == 2
+        error = capsys.readouterr().err
+        assert why in error and error.count('\n') == 1
+
+
 @with_reference
 @pytest.mark.slow
 def test_the_paper_s_device_comes_back_from_the_reference_recordings():

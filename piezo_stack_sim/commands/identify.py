@@ -20,12 +20,14 @@ from piezo_stack_sim.terminal import console
 @unit_option
 def command(recordings, out, elements, start, maps, units):
     """Find the parameters of an actuator from recordings of it."""
+    from piezo_stack_sim.atomic import check_file
     from piezo_stack_sim.identify.identification import identify
     from piezo_stack_sim.identify.write import write_actuator
     from piezo_stack_sim.plant import load_device
     from piezo_stack_sim.progress import Stage
     from piezo_stack_sim.recording.read import read_set
 
+    check_file(out)
     begin = load_device(start) if start else None
     given = read_set(list(recordings), mapping=maps, units=units)
     with Stage('Identifying: ') as stage:

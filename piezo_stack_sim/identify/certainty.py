@@ -18,6 +18,9 @@ CONFIDENCE = 1.959964  # standard deviations, 95 %
 # (`identify.repeats`) show estimates that scatter by up to so much more than a smooth cost says.
 ROUGH = 1.5
 WIDE = 0.05  # half width of an interval, relative, above which a parameter is not determined
+UNKNOWN = 20.0  # half width of what is anything
+ROWS_OF_A_PERIOD = 3  # of the resonance, at the least, in the fastest recording
+MOTION = ('mass', 'damping')
 SPLIT_NAMES = ('stiffness', 'linear_capacitance', 'transformer_ratio')
 
 
@@ -71,13 +74,16 @@ def estimates(fit: Fit) -> list[Estimate]:
     covariance = to_named @ inverse @ spread @ inverse @ to_named.T
     named = layout.named(fit.vector)
     widths = dict(zip(named, ROUGH * CONFIDENCE * np.sqrt(np.maximum(np.diag(covariance), 0.0))))
+    frequency = math.sqrt(named['k + T^2/C'] / named['mass']) / (2.0 * math.pi)
+    if frequency > max(track.recording.rate for track in fit.tracks) / ROWS_OF_A_PERIOD:
+        # What is seen of so fast a motion hangs on what happens between the rows.
+        widths.update(dict.fromkeys(MOTION, UNKNOWN))
     fixed = {name for name, width in widths.items() if width <= WIDE}
     pushed = any(np.ptp(t.recording.external_force) > 0.0 for t in fit.tracks)
     charged = any('charge' in t.measured or t.recording.drive == 'charge' for t in fit.tracks)
-    frequency = math.sqrt(named['k + T^2/C'] / named['mass']) / (2.0 * math.pi)
     result = []
     for name, value in named.items():
-        width = min(float(widths[name]), 20.0)
+        width = min(float(widths[name]), UNKNOWN)
         advice = '' if name in fixed else _advice(
             name, fixed, layout, pushed, charged, frequency)
         result.append(Estimate(name, value, value * math.exp(-width), value * math.exp(width),
@@ -92,9 +98,9 @@ def _advice(name, fixed, layout, pushed, charged, frequency) -> str:
     force = 'a recording of a known external force at a fixed voltage or with open leads'
     if not charged:
         force += ', with the charge measured'
-    if name in ('mass', 'damping'):
+    if name in MOTION:
         return (f'a multisine or quick steps with energy near the resonance (about '
-                f'{_hertz(frequency)}), at 3 rows or more to its period')
+                f'{_hertz(frequency)}), at {ROWS_OF_A_PERIOD} rows or more to its period')
     if name in ('T/C', 'k + T^2/C'):
         return force
     last = layout.n - 1

@@ -15,7 +15,8 @@ from piezo_stack_sim.identify.piecewise import Pieces
 from piezo_stack_sim.identify.refine import descend, Fit, refine
 from piezo_stack_sim.identify.rising import Curve
 from piezo_stack_sim.identify.start import (
-    find_motion, find_pieces, find_polarised, first_actuator, guess_device, static_gains)
+    check_signs, find_motion, find_pieces, find_polarised, first_actuator, guess_device,
+    static_gains)
 from piezo_stack_sim.identify.tracks import make_tracks
 from piezo_stack_sim.identify.vector import Layout
 from piezo_stack_sim.plant.parameters import Device
@@ -92,7 +93,8 @@ def identify(recordings: RecordingSet, start: Device | None = None,
     Raises
     ------
     InputError
-        If preflight refuses everything, or no recording has a slow rise of the voltage.
+        If preflight refuses everything, something has the wrong sign and there is no start to
+        tell, or no recording has a slow rise of the voltage.
 
     """
     told = told or (lambda line: None)
@@ -101,6 +103,7 @@ def identify(recordings: RecordingSet, start: Device | None = None,
     checked, findings = preflight(recordings, sizing)
     for each in checked:
         check_amplified(each)  # a parameter file of the amplifier and the stack would fit no stack
+    check_signs(checked)
     originals = {each.name: each for each in recordings}
     tracks = make_tracks(checked.recordings, originals)
     if not tracks:

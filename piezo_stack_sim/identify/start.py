@@ -15,6 +15,9 @@ from piezo_stack_sim.identify.rising import Curve, rising_curves, thin
 from piezo_stack_sim.identify.tracks import misfits, weighted
 from piezo_stack_sim.identify.vector import DAMPING, Layout, MASS
 from piezo_stack_sim.plant.parameters import Actuator, Device
+from piezo_stack_sim.recording.finding import refuse
+from piezo_stack_sim.recording.recording import UNITS
+from piezo_stack_sim.recording.sign import falling
 
 SLOW = 2e-3  # s in which a slow recording passes through its span at the least
 FEWEST_VOLTS = 1e-3  # an element of less is none
@@ -59,6 +62,41 @@ def static_gains(recordings) -> tuple[float | None, float | None]:
     a, c = np.linalg.lstsq(square / np.outer(scale, scale), slope / scale,
                            rcond=1e-12)[0] / scale
     return (float(a), float(c)) if c > 0.0 else (float(slope[0] / square[0, 0]), None)
+
+
+def check_signs(recordings):
+    """
+    Ask that charge, voltage and displacement rise with a slow command.
+
+    Without a device to begin with nothing turns what was wired the other way round.
+
+    Raises
+    ------
+    InputError
+        With the sign to give.
+
+    """
+    slow = [each for each in recordings
+            if _slow(each.time, each.command) and _slow(each.time, each.external_force)]
+    found = [(each, *falling(each)) for each in slow]
+    for recording, by_command, _ in found:
+        if by_command and len(by_command) == len(recording.measured) > 1:
+            raise _wrong_sign(recording, recording.command_name, 'is answered by all channels '
+                              'the other way round')
+        if by_command:
+            raise _wrong_sign(recording, by_command[0], 'falls where the command rises slowly')
+    for recording, _, by_force in found:
+        if by_force:
+            raise _wrong_sign(recording, 'external_force', 'is positive in the direction of '
+                              'extension, but the displacement falls where it rises')
+
+
+def _wrong_sign(recording, channel, what):
+    unit = UNITS[channel]
+    return InputError(str(refuse(
+        recording, None, f'{channel} {what}: it has the wrong sign',
+        f'give it with its unit, as in --unit {channel}=-{unit} (or -u{unit}, if that is what it '
+        f'is in), or what to begin with, as in --start YAML')))
 
 
 def _slow(time, guide) -> bool:

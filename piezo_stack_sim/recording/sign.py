@@ -94,6 +94,27 @@ def force_effect(recording, statics):
     return effect
 
 
+def falling(recording):
+    """
+    Tell what falls in slow motion while the command rises, and what while the force does.
+
+    Returns
+    -------
+    tuple of (list of str, list of str)
+        Channels that go surely against the command beyond what the force explains, and whether
+        the displacement goes against the force.
+
+    """
+    def sure(channel, guide, other):
+        slow = [_slowed(x, recording.rate) for x in (recording.measured[channel], guide, other)]
+        return (_alike(*slow) or 0.0) < -_SURE
+
+    command, force = recording.command, recording.external_force
+    return ([each for each in recording.measured if sure(each, command, force)],
+            [each for each in recording.measured
+             if each == 'displacement' and sure(each, force, command)])
+
+
 def _against(likenesses):
     """Return -1 when all that is sure is against, 1 when all is for, 0 when nothing is sure."""
     sure = {int(np.sign(each)) for each in likenesses if each is not None and abs(each) > _SURE}
