@@ -102,6 +102,21 @@ def test_a_force_in_kilonewton_is_told_by_the_answer_to_it():
     assert same(passed, recording)
 
 
+@pytest.mark.parametrize('newton, blocked', [(9.80665, False), (9.80665e-3, True)])
+def test_a_force_in_weights_is_noted_with_the_unit_to_give(newton, blocked):
+    recording = pushed()
+    wrong = recording.replace(external_force=recording.external_force / newton)
+    passed, findings = checked(wrong)
+    assert f'answered as if it were {newton:.2g} times as large' in findings[0]
+    assert '--unit external_force=9.80665;' in findings[0]
+    assert '--unit external_force=9.80665e-3' in findings[0]
+    assert same(passed[0], wrong)
+    assert [('beyond the blocking force' in each, 'gain' in each) for each in findings[1:]] == [
+        (True, False)] * blocked
+    mend = parse_units([f'external_force={newton}'])['external_force']
+    assert not checked(wrong.replace(external_force=mend * wrong.external_force))[1]
+
+
 def only_displacement(recording):
     """Return the recording without its other channels."""
     return recording.replace(measured={'displacement': recording.measured['displacement']})

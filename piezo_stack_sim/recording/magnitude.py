@@ -28,6 +28,7 @@ _ODD = 2.0
 # Without a device, what no piezo stack reaches: V, C, m, N.
 _LIMITS = {'voltage': 1e4, 'charge': 0.1, 'displacement': 5e-3}
 _FORCE_LIMIT = 1e6
+_KILOGRAM = 9.80665  # its weight, N
 # Smaller in whatever unit than any sensor sees.
 _NOTHING = 1e-30
 # Decades away from a unit from which a factor is none.
@@ -224,6 +225,8 @@ def _odd(recording, reading, statics):
     far = {channel: ratio for channel, ratio in reading.ratios.items()
            if not reading.powers[channel] and abs(math.log10(ratio)) > (
                _GAIN if channel == driven else _WIDE)}
+    if _beyond_blocking(recording, statics) and driven not in far:
+        return []  # `check_force` tells of it; who would ask for a gain before?
     alike = len(far) > 1 and max(far.values()) < 3.0 * min(far.values())
     if driven in far or alike:
         told = [driven] if driven in far else list(far)
@@ -357,9 +360,13 @@ def command_power(before, after):
     return round(math.log10(sizes[1] / sizes[0])) if all(sizes) else 0
 
 
-def check_force(recording, effect):
+def _beyond_blocking(recording, statics):
+    return bool(np.max(np.abs(recording.external_force)) > statics.blocking_force)
+
+
+def check_force(recording, effect, statics):
     """
-    Bring a force in kilonewton to newton, as the answer to it tells.
+    Bring a force in kilonewton to newton, as the answer to it tells; note kilograms and grams.
 
     Parameters
     ----------
@@ -367,6 +374,8 @@ def check_force(recording, effect):
         After `check_units`, with the right signs.
     effect : dict of str to (float, float)
         Of each channel, how many times too large its answer to the force is, and how surely.
+    statics : Statics
+        The device.
 
     Returns
     -------
@@ -375,9 +384,28 @@ def check_force(recording, effect):
     """
     sure = [size for size, likeness in effect.values() if likeness > _SURE]
     if not sure or not all(_ODD < math.log10(size) < 3.0 + _WIDE for size in sure):
-        return recording, []
+        return recording, _weights(recording, sure, statics)
     return recording.replace(external_force=recording.external_force * 1e3), [
         _in_unit(recording, 'external_force', -3, 'as the answer to it tells')]
+
+
+def _weights(recording, sizes, statics):
+    """Return what to note of a force that is answered as one in kilograms or in grams."""
+    findings = []
+    if any(all(abs(math.log10(size / factor)) < _NO_UNIT for size in sizes) and sizes
+           for factor in (_KILOGRAM, 1e-3 * _KILOGRAM)):
+        findings.append(found(
+            recording, None, NOTE, 'external_force is answered as if it were '
+            f'{math.exp(np.mean(np.log(sizes))):.2g} times as large',
+            f'if it is in kgf, give its unit, as in --unit external_force={_KILOGRAM}; if in g, '
+            f'--unit external_force={_KILOGRAM}e-3'))
+    if _beyond_blocking(recording, statics):
+        row = int(np.argmax(np.abs(recording.external_force)))
+        findings.append(found(
+            recording, row, NOTE, f'external_force is {recording.external_force[row]:.4g} N '
+            f'there, beyond the blocking force of {statics.blocking_force:.4g} N',
+            'check its unit'))
+    return findings
 
 
 def check_range(recording, statics):

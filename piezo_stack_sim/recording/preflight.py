@@ -152,7 +152,8 @@ def _against_the_device(stages, statics):
             of_set[channel].append(by_command)
     stages.run(lambda each: sign.check_signs(
         each, alike[each.name], of_set, statics.lowest(each.drive)))
-    stages.run(lambda each: magnitude.check_force(each, sign.force_effect(each, statics)))
+    stages.run(lambda each: magnitude.check_force(
+        each, sign.force_effect(each, statics), statics))
     stages.run(lambda each: magnitude.check_range(each, statics))
     stages.run(answered(samples.check_clipped))
     stages.run(_starts(statics))
