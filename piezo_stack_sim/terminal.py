@@ -5,6 +5,14 @@
 import sys
 
 
+def tell_findings(recordings):
+    """Print what the reader had to say of a set, where it does not mix with results."""
+    import click
+    for finding in (*recordings.findings, *(each for recording in recordings.recordings
+                                            for each in recording.findings)):
+        click.echo(str(finding), err=True)
+
+
 def console(width=140):
     """
     Return a console for standard output.

@@ -90,6 +90,12 @@ def test_wrong_input_ends_with_status_2_and_one_line(capsys, act):
     assert one_line(capsys) == 'file.yaml: mass = -1: expected more\n'
 
 
+def test_one_device_has_one_parameter_file(capsys, tmp_path):
+    for command in (['analyse'], ['excite', 'triangle', '--out', str(tmp_path / 'set')]):
+        assert cli.main([*command, '--params', 'a.yaml', '--params', 'b.yaml']) == 2
+        assert one_line(capsys).startswith('--params: given 2 times')
+
+
 def test_a_missing_parameter_file_is_wrong_input(capsys, tmp_path):
     (tmp_path / 'set').mkdir()
     arguments = ['simulate', str(tmp_path / 'set'), '--params', str(tmp_path / 'no.yaml'),

@@ -6,8 +6,10 @@ import gzip
 
 import numpy as np
 from piezo_stack_sim.cli import main
+from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.read import read_set
+from piezo_stack_sim.recording.write import write_csv_set
 from piezo_stack_sim.resources import config_file
 import pytest
 
@@ -48,6 +50,25 @@ def test_the_set_comes_back_with_what_the_plant_computes(recordings, tmp_path, c
         assert answer.measured['displacement'] == pytest.approx(
             expected.displacement, abs=1e-15)
         assert answer.measured['charge'] == pytest.approx(expected.charge, abs=1e-15)
+
+
+def test_what_the_reader_found_is_told(recordings, tmp_path, capsys):
+    path = recordings / 'rise.csv'
+    path.write_text(path.read_text().replace('external_force', 'external_force [mN]'))
+    assert main(['simulate', str(path), '--params', PARAMS, '--out', str(tmp_path / 'out')]) == 0
+    error = capsys.readouterr().err
+    assert f"note: {path}: column 'external_force [mN]': the header gives" in error
+
+
+def test_a_file_is_no_folder_to_write_into(recordings, tmp_path, capsys):
+    (tmp_path / 'file').write_text('mine')
+    for out in ('file', 'file/deeper'):
+        assert main(['simulate', str(recordings), '--params', PARAMS,
+                     '--out', str(tmp_path / out)]) == 2
+        error = capsys.readouterr().err
+        assert f'{tmp_path / "file"} is no folder' in error and error.count('\n') == 1
+    with pytest.raises(InputError, match='is no folder'):
+        write_csv_set(read_set(recordings), tmp_path / 'file', remark='mine')
 
 
 def test_the_same_seed_gives_the_same_noise(recordings, tmp_path):

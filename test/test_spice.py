@@ -110,3 +110,19 @@ def test_a_recording_is_played(tmp_path, capsys):
     assert main(['export', 'spice', '--params', PARAMS, '--recording', str(path)]) == 0
     text = capsys.readouterr().out
     assert '+ 0.001 0\n+ 0.0010001 5\n' in text and '+ 0.0010001 -3\n' in text
+
+
+@pytest.mark.parametrize('cell', ['nan', 'inf', ''])
+def test_a_recording_with_cells_that_are_no_numbers_is_not_played(cell, tmp_path, capsys):
+    path = tmp_path / 'squeeze.csv'
+    path.write_text(f'time,voltage_command\n0,0\n0.001,{cell}\n0.002,5\n')
+    assert main(['export', 'spice', '--params', PARAMS, '--recording', str(path)]) == 2
+    out, error = capsys.readouterr()
+    assert f'{path}: row 3: voltage_command is no finite number' in error and not out
+
+
+def test_what_the_reader_found_of_a_recording_is_told(tmp_path, capsys):
+    path = tmp_path / 'squeeze.csv'
+    path.write_text('time_ms,voltage_command\n0,0\n1,5\n2,5\n')
+    assert main(['export', 'spice', '--params', PARAMS, '--recording', str(path)]) == 0
+    assert 'the header gives time in ms' in capsys.readouterr().err

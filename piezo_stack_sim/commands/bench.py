@@ -6,12 +6,14 @@ import json
 
 import click
 
+from piezo_stack_sim.commands.options import single
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.terminal import console
 
 
 @click.command('bench')
-@click.option('--params', metavar='YAML', help="Parameter file; the paper's if not given.")
+@click.option('--params', metavar='YAML', multiple=True, callback=single,
+              help="Parameter file; the paper's if not given.")
 @click.option('--quick', is_flag=True, help='Shorter slices: a look within seconds.')
 @click.option('--effects', is_flag=True, help='Measure nothing but what each effect costs.')
 @click.option('--node', is_flag=True, help='Measure the ROS node too (needs rclpy).')

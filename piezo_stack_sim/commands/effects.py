@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from piezo_stack_sim.atomic import make_folder
+from piezo_stack_sim.commands.options import single
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.terminal import console
 
@@ -14,7 +15,7 @@ from piezo_stack_sim.terminal import console
 @click.command('effects')
 @click.argument('name', metavar='[ID]', required=False)
 @click.option('--all', 'everything', is_flag=True, help='Pages and pictures of all effects.')
-@click.option('--params', metavar='YAML',
+@click.option('--params', metavar='YAML', multiple=True, callback=single,
               help="Parameter file of the device without the effect; the paper's if not given.")
 @click.option('--set', 'settings', multiple=True, metavar='PARAMETER=VALUE',
               help='A value instead of the typical one. May be given several times.')

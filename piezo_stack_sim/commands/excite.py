@@ -8,6 +8,9 @@ import sys
 
 import click
 
+from piezo_stack_sim.commands.options import single
+from piezo_stack_sim.terminal import tell_findings
+
 PROFILES = ('triangle', 'decay', 'steps', 'multisine', 'force')
 # Settings of the programmes, what they mean, and whether they are lists of numbers.
 SETTINGS = {
@@ -108,7 +111,7 @@ def _settings(command):
               help='Greatest change of the command in a second.')
 @click.option('--current', type=float, metavar='A', default=None,
               help='Greatest current; needs --params or --capacitance.')
-@click.option('--params', metavar='YAML', default=None,
+@click.option('--params', metavar='YAML', multiple=True, callback=single,
               help='Parameter file that tells the capacitance for --current.')
 @click.option('--capacitance', type=float, metavar='F', default=None,
               help='Greatest capacitance of the device, for --current.')
@@ -234,12 +237,14 @@ def _programmes(profile, quick, settings, drive):
         raise InputError(f'--{name}: a recording set is played as it is; leave it out')
     from piezo_stack_sim.recording.playable import require_finite
     from piezo_stack_sim.recording.read import read_set
-    recordings = read_set(profile).recordings
+    given_set = read_set(profile)
+    recordings = given_set.recordings
     for recording in recordings:
         require_finite(recording)
         if recording.drive != drive:
             raise InputError(f'{recording.source}: recorded with drive {recording.drive}: '
                              f'expected {drive}; use --drive {recording.drive}')
+    tell_findings(given_set)
     return ([recording.name for recording in recordings],
             lambda rate: [recording.replace(measured={}) for recording in recordings])
 

@@ -6,6 +6,7 @@ import click
 
 from piezo_stack_sim.commands.options import params_option
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.terminal import tell_findings
 
 
 @click.group('export')
@@ -60,6 +61,7 @@ def _triangle(circuit, device):
 
 def _played(circuit, device, path):
     """Return the test bench that replays a recording."""
+    from piezo_stack_sim.recording.playable import require_playable
     from piezo_stack_sim.recording.read import read_set
 
     found = read_set(path)
@@ -67,5 +69,7 @@ def _played(circuit, device, path):
         names = ', '.join(each.name for each in found.recordings)
         raise InputError(f'--recording {path}: expected one recording, found {names}; name a file')
     recording = found.recordings[0]
+    require_playable(recording)
+    tell_findings(found)
     return circuit.netlist(device, recording.time - recording.time[0], recording.command,
                            recording.external_force, recording.drive)

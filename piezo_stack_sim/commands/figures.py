@@ -8,12 +8,13 @@ from pathlib import Path
 
 import click
 
-from piezo_stack_sim.commands.options import out_folder_option
+from piezo_stack_sim.commands.options import out_folder_option, single
 
 
 @click.command('figures')
 @out_folder_option
-@click.option('--params', metavar='YAML', help="Parameter file; the paper's if not given.")
+@click.option('--params', metavar='YAML', multiple=True, callback=single,
+              help="Parameter file; the paper's if not given.")
 @click.option('--only', multiple=True, metavar='ID',
               help='Draw this one only, such as figure_10. Repeatable.')
 @click.option('--page', 'page_path', metavar='FILE',

@@ -4,8 +4,19 @@
 
 import click
 
+from piezo_stack_sim.errors import InputError
+
+
+def single(context, parameter, values):
+    """Return the one value of an option that may be given once, None without any."""
+    if len(values) > 1:
+        raise InputError(f'{parameter.opts[0]}: given {len(values)} times: expected it once; '
+                         'leave the others out')
+    return values[0] if values else None
+
+
 params_option = click.option(
-    '--params', required=True, metavar='YAML',
+    '--params', required=True, multiple=True, callback=single, metavar='YAML',
     help='Parameter file of the device, such as config/ae0505d16.yaml.')
 
 out_folder_option = click.option(

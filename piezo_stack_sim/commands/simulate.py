@@ -10,6 +10,7 @@ import click
 from piezo_stack_sim.commands.options import (
     map_option, out_folder_option, params_option, unit_option)
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.terminal import tell_findings
 
 
 @click.command('simulate')
@@ -29,6 +30,7 @@ def command(recordings, params, out, maps, units, noise, seed):
     displacement that the model computes.
 
     """
+    from piezo_stack_sim.atomic import check_file
     from piezo_stack_sim.plant import load_device, simulate
     from piezo_stack_sim.progress import track
     from piezo_stack_sim.recording.playable import require_playable
@@ -39,12 +41,14 @@ def command(recordings, params, out, maps, units, noise, seed):
     if Path(out).resolve() in (given_at, given_at.parent if given_at.is_file() else given_at):
         raise InputError(f'--out {out}: expected another folder than that of SET; '
                          'the recordings would be overwritten')
+    check_file(Path(out) / 'recording.csv.gz')
     device = load_device(params)
     given = read_set(recordings, mapping=maps, units=units)
     if seed is not None and not noise:
         raise InputError('--seed: there is no noise to seed; add --noise or leave it out')
     for recording in given.recordings:
         require_playable(recording)
+    tell_findings(given)
     answers = []
     for recording in track(given.recordings, 'Simulating'):
         response = simulate(

@@ -9,7 +9,7 @@ import zlib
 
 import numpy as np
 
-from piezo_stack_sim.atomic import atomic_path
+from piezo_stack_sim.atomic import atomic_path, check_file
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.finding import shown
 from piezo_stack_sim.recording.recording import UNITS
@@ -94,6 +94,7 @@ def write_csv_set(recording_set, folder, packed=True, remark=''):
         name = recording.name
         if not name or name.startswith('.') or {'/', '\\', '\0', '\n'} & set(name):
             raise InputError(f'{folder}: recording {shown(name)}: not usable as a file name')
+        check_file(folder / f'{name}{ending}')
         if (folder / f'{name}{other}').exists():
             raise InputError(f'{folder / (name + other)}: is in the way of {name}{ending}: remove')
         if remark:
