@@ -279,3 +279,10 @@ def test_with_effects_leaves_the_original_alone():
     other = device.with_effects({'creep': {'gain_per_decade': 0.01}})
     assert device.effects == {}
     assert other.effects == {'creep': {'gain_per_decade': 0.01}}
+
+
+def test_a_parameter_that_an_effect_lacks_is_looked_for_among_its_own():
+    for wrong, mend in (('amplitud', 'effects.creep has gain_per_decade, reference_time'),
+                        ('reference', 'did you mean effects.creep.reference_time?')):
+        with pytest.raises(InputError, match=mend):
+            device_from_mapping({'effects': {'creep': {wrong: 0.1}}})

@@ -87,6 +87,14 @@ def test_a_storage_file_alone_is_a_bag(tmp_path, storage):
     assert again.name == 'run' and np.array_equal(again.command, slow(100).command)
 
 
+@pytest.mark.parametrize('storage, ending', [('mcap', '.MCAP'), ('sqlite3', '.Db3')])
+def test_the_ending_of_a_bag_may_be_written_in_capitals(tmp_path, storage, ending):
+    write_bag(slow(100), tmp_path / 'run', storage)
+    file = next(each for each in (tmp_path / 'run').iterdir() if each.name != 'metadata.yaml')
+    again = read_set(file.rename(tmp_path / f'RUN{ending}'))['RUN']
+    assert np.array_equal(again.command, slow(100).command)
+
+
 def test_a_command_acts_until_the_sample_that_follows_it(tmp_path):
     recording = read_bag(bag(tmp_path / 'run', ticks(50, offset=10**15)))
     # Sample k is the answer to command k: the row before it carries that command.

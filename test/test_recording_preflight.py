@@ -675,6 +675,16 @@ def test_a_clipped_channel_is_noted_with_its_first_row():
     assert np.array_equal(passed.measured['displacement'], clipped)
 
 
+def test_a_force_at_the_end_of_its_sensor_is_noted_and_one_that_is_held_is_not():
+    recording = pushed()
+    clipped = np.maximum(recording.external_force, -80.0)
+    _, findings = checked(recording.replace(external_force=clipped))
+    first = 2 + int(np.argmax(clipped == -80.0))
+    assert f'row {first}: external_force is cut off at -80' in findings[0]
+    held = answered(recording.command, clipped)
+    assert not checked(held)[1]
+
+
 def test_a_channel_that_the_recorder_repeated_is_noted():
     recording = slow()
     values = recording.measured['charge'].copy()

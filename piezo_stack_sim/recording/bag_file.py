@@ -23,7 +23,7 @@ def is_bag(path):
     path = Path(path)
     if path.is_dir():
         return (path / 'metadata.yaml').is_file() or bool(unlisted_files(path))
-    return path.suffix in FILE_ENDINGS
+    return path.suffix.lower() in FILE_ENDINGS
 
 
 def unlisted_files(folder):
@@ -176,6 +176,15 @@ def damaged_is_input_error(source):
         raise InputError(f'{source}: damaged or not a bag ({shown(detail, 200)})') from error
 
 
+def _in_any_case(reader, ending):
+    """Return a class that reads files whose ending is written in capitals, too."""
+    known = reader.STORAGE_PLUGINS
+    if ending in known or ending.lower() not in known:
+        return reader
+    return type('Reader', (reader,), {
+        'STORAGE_PLUGINS': {**known, ending: known[ending.lower()]}})
+
+
 @contextmanager
 def open_bag(path):
     """
@@ -209,10 +218,11 @@ def open_bag(path):
                     source, None, NOTE, 'metadata.yaml is missing: the recorder was killed',
                     f'read from {", ".join(each.name for each in files)}'))
             for each in files:
-                reader = Reader(each)
-                if each.suffix == '.db3':
+                ending = each.suffix.lower()
+                reader = _in_any_case(Reader, each.suffix)(each)
+                if ending == '.db3':
                     _check_sqlite(each)
-                end = mended(each) if each.suffix == '.mcap' and each.is_file() else None
+                end = mended(each) if ending == '.mcap' and each.is_file() else None
                 if end:
                     reader.storage.path = end[0]  # type: ignore[attr-defined]
                     findings.append(end[1])

@@ -13,6 +13,8 @@ _FEWEST_ROWS = 20
 _CLIPPED_RUN = 8
 _STANDING_RUN = 25
 _MOVED = 0.03
+# Part of a channel's range by which it comes and goes during a force that only seems to be held.
+_WENT_ON = 0.01
 # No unit makes a quantity of a stack that large.
 _ABSURD = 1e30
 _SPIKE = 10.0
@@ -321,7 +323,36 @@ def check_clipped(recording, expected):
                 findings.append(found(
                     recording, places[0][0], NOTE,
                     f'{channel} {what} {values[places[0][0]]:.6g} in {rows} rows', mend))
-    return recording, findings
+    return recording, findings + _clipped_force(recording)
+
+
+def _clipped_force(recording):
+    """
+    Return a note of a force that stands at its extreme while what it moves rises and falls.
+
+    A force that is held is followed by creep, which does not come back.
+    """
+    force, clipped = recording.external_force, []
+    equal = runs_of(np.diff(force) == 0.0)
+    for start, end in equal[equal[:, 1] - equal[:, 0] >= _CLIPPED_RUN - 1]:
+        extreme = force[start] and force[start] in (force.min(), force.max())
+        if extreme and np.ptp(recording.command[start:end]) == 0.0 and any(
+                _bulge(values[start:end + 1]) > _WENT_ON * np.ptp(values)
+                for values in recording.measured.values()):
+            clipped.append((start, end))
+    if not clipped:
+        return []
+    rows = sum(end - start + 1 for start, end in clipped)
+    return [found(recording, clipped[0][0], NOTE, 'external_force is cut off at '
+                  f'{force[clipped[0][0]]:.6g} in {rows} rows, in which what it moves goes on',
+                  'the range of the force sensor')]
+
+
+def _bulge(values):
+    """Return how far the middle third of values lies beyond both outer ones, on one side."""
+    first, middle, last = (np.mean(each) for each in np.array_split(values, 3))
+    up, down = middle - first, middle - last
+    return min(abs(up), abs(down)) if up * down > 0.0 else 0.0
 
 
 def _rest(recording):

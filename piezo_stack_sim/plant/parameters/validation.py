@@ -309,9 +309,12 @@ class _Report:
         siblings = {k.rpartition('.')[2]: k for k in known if k.rpartition('.')[0] == section}
         anywhere = {k.rpartition('.')[2]: k for k in reversed(known)}
         close = [siblings[k] for k in get_close_matches(key, siblings, n=1, cutoff=0.6)]
-        close = close or get_close_matches(name, known, n=1, cutoff=0.8)
-        close = close or [anywhere[k] for k in get_close_matches(key, anywhere, cutoff=0.8)]
-        mend = f'did you mean {close[0]}?' if close else 'remove it'
+        own = section.startswith('effects.') and sorted(siblings)
+        if not own:  # what another effect has is no help
+            close = close or get_close_matches(name, known, n=1, cutoff=0.8)
+            close = close or [anywhere[k] for k in get_close_matches(key, anywhere, cutoff=0.8)]
+        mend = (f'did you mean {close[0]}?' if close else
+                f'{section} has {", ".join(own)}' if own else 'remove it')
         raise InputError(f'{self._where(name)}: {name} = {shown(value)}: '
                          f'expected a known parameter; {mend}')
 
