@@ -327,6 +327,26 @@ def test_a_gap_within_a_hold_is_kept():
     assert same(passed, recording)
 
 
+def test_gaps_within_holds_are_one_note():
+    steps = np.repeat([0.0, 30.0, 60.0, 0.0], 1000)
+    recording = answered(steps).take(np.delete(
+        np.arange(4000), np.r_[300:400, 1300:1800, 2500:2520]))
+    passed, finding = mended(recording)
+    assert 'row 402: 620 rows are missing in 3 places, up to 0.0501 s' in finding
+    assert same(passed, recording)
+
+
+@pytest.mark.parametrize('order', [(1, 8), (8, 1), (2, 1), (1, 2)])
+def test_a_change_of_the_rate_is_no_loss_of_rows(order):
+    command = np.r_[triangle(3000, 60.0), np.zeros(3000)] + triangle(6000, 20.0, turns=7)
+    rows = np.r_[0:3000:order[0], 3000:6000:order[1]]
+    recording = answered(command).take(rows)
+    passed, finding = mended(recording)
+    assert finding.startswith('note: ') and 'the sampling changes there' in finding
+    assert f'row {rows[3000 // order[0]] + 2}:' in finding
+    assert same(passed, recording)
+
+
 def test_a_lost_row_of_a_fast_wave_is_filled_in_along_it_and_beside_a_jump_by_a_line():
     time = np.arange(6000) * 1e-4
     wave = 30.0 * np.sin(2.0 * np.pi * 400.0 * time)  # 25 rows a period; lines are off by 0.9 V

@@ -11,6 +11,8 @@ from piezo_stack_sim.recording.grid import find_grid
 _SHORT_GAP = 5
 _FILLED = 0.1
 _MISPLACED = 0.05
+# Rows in a row that come equally far apart are no chance.
+_ANOTHER_RATE = 20
 # Part of the rows from which rows that share a time, but not their values, tell of few digits.
 _COARSE = 0.02
 # Times since 1970 in ns, us and ms are beyond these; no run of a device in seconds is.
@@ -178,6 +180,13 @@ def check_grid(recording):
     if grid is None:
         return _irregular(recording)
     findings = []
+    change = _change_of_rate(grid)
+    if change is not None:
+        steps = np.diff(recording.time)[[change - 1, change]]
+        return recording, [found(
+            recording, change, NOTE, f'the sampling changes there, from rows {steps[0]:.6g} s '
+            f'apart to {steps[1]:.6g} s', 'the times are kept; split the file there to have each '
+            'rate by itself')]
     off = np.abs(recording.time - grid.times)
     if grid.kind == 'jittered':
         findings.append(found(
@@ -194,6 +203,18 @@ def check_grid(recording):
     recording, index, more = _cut(recording, grid.index)
     recording, last = _filled(recording, index, grid.period)
     return recording, [*findings, *more, *last]
+
+
+def _change_of_rate(grid):
+    """Return the first row after which rows come at another rate for good; None without one."""
+    steps = np.diff(grid.index)
+    bounds = np.flatnonzero(np.diff(steps)) + 1
+    runs = list(zip([0, *bounds], [*bounds, steps.size]))
+    # What is lost by chance is not lost alike for long.
+    if not any(steps[start] > 1 and end - start >= _ANOTHER_RATE for start, end in runs):
+        return None
+    long = [start for start, end in runs if end - start >= _ANOTHER_RATE]
+    return next((int(b) for a, b in zip(long, long[1:]) if steps[a] != steps[b]), None)
 
 
 def _irregular(recording):
@@ -219,15 +240,15 @@ def _held(recording, row):
 
 def _cut(recording, index):
     """End the recording at the first gap through which the inputs are unknown."""
-    findings = []
+    held = []
     for row in np.flatnonzero(np.diff(index) - 1 > _SHORT_GAP):
         lost = int(index[row + 1] - index[row] - 1)
         lasting = recording.time[row + 1] - recording.time[row]
-        what = f'{lost} rows are missing, {lasting:.3g} s'
         if _held(recording, row):
-            findings.append(found(recording, row + 1, NOTE, what,
-                                  'the inputs rest before and after it and count as held'))
+            held.append((row, lost, lasting))
             continue
+        findings = _held_gaps(recording, held)
+        what = f'{lost} rows are missing, {lasting:.3g} s'
         mend = 'what was commanded there is unknown'
         if 2 * (row + 1) < len(recording):
             raise refuse(recording, row + 1, what, f'{mend}: record it again, or cut the file so '
@@ -235,7 +256,18 @@ def _cut(recording, index):
         findings.append(found(recording, row + 1, REPAIRED, what,
                               f'{mend}: only the {row + 1} rows before it are used'))
         return recording.take(slice(0, row + 1)), index[:row + 1], findings
-    return recording, index, findings
+    return recording, index, _held_gaps(recording, held)
+
+
+def _held_gaps(recording, gaps):
+    """Return one note of gaps (row before, rows lost, duration) in which the inputs rest."""
+    if not gaps:
+        return []
+    rows, lost, lasting = zip(*gaps)
+    places, each = ('', 'it') if len(gaps) == 1 else (f' in {len(gaps)} places', 'each')
+    return [found(recording, rows[0] + 1, NOTE, f'{sum(lost)} rows are missing{places}, '
+                  f'{"up to " * bool(places)}{max(lasting):.3g} s',
+                  f'the inputs rest before and after {each} and count as held')]
 
 
 def _is_smooth(values, gaps):
