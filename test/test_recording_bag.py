@@ -209,6 +209,21 @@ def test_stamps_of_another_clock_are_joined_by_arrival(tmp_path):
     assert any('the clock of charge' in str(each) for each in recording.findings)
 
 
+def test_a_command_that_dies_half_way_is_noted(tmp_path):
+    messages = list(ticks(1000, offset=10**15))
+    cut = [each for k, each in enumerate(messages) if k < 1500 or 'command' not in each[1]]
+    notes = [[str(each) for each in read_bag(bag(tmp_path / name, which)).findings]
+             for name, which in (('whole', messages), ('cut', cut))]
+    assert [any('voltage_command ends there' in each for each in found) for found in notes] == [
+        False, True]
+    found, = (each for each in notes[1] if 'ends there' in each)
+    assert 'row 499: ' in found and '0.5007 s before' in found
+    # A command that is sent when it changes, and then held, has ended.
+    few = [each for k, each in enumerate(messages) if k < 45 or 'command' not in each[1]]
+    assert not any('ends there' in str(each)
+                   for each in read_bag(bag(tmp_path / 'few', few)).findings)
+
+
 def test_commands_faster_than_the_measurement_keep_their_rate(tmp_path):
     messages = [(10**9 + k * PERIOD // 5, '/s/voltage_command', number(k)) for k in range(500)]
     messages += [(10**9 + k * PERIOD + 1, '/s/displacement', number(k)) for k in range(100)]

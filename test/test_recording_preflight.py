@@ -798,6 +798,30 @@ def test_a_copy_of_a_recording_does_not_count_twice():
     assert any('again.csv: a copy of triangle.csv' in each for each in findings)
 
 
+@pytest.mark.parametrize('one, other', [
+    ('charge', 'displacement'), ('voltage', 'charge'), ('voltage', 'displacement')])
+@pytest.mark.parametrize('digits', [None, 9])
+def test_one_column_read_as_two_channels_is_refused(one, other, digits):
+    recording = slow()
+    values = 0.3 * recording.measured[one] + 1e-7
+    if digits:
+        values = np.array([float(f'{each:.{digits}g}') for each in values])
+    assert f'{other} is {one}, row by row' in refusal(with_channel(recording, other, values))
+
+
+def test_numbers_without_noise_are_refused_only_if_they_are_equal():
+    recording = slow(noise=0.0)  # charge and displacement move in proportion
+    assert not checked(recording)[1]
+    equal = with_channel(recording, 'displacement', recording.measured['charge'])
+    assert 'displacement is charge' in refusal(equal)
+
+
+def test_what_a_noisy_command_shakes_alike_is_no_copy():
+    shaken = triangle(3000, 60.0) + np.random.default_rng(3).normal(0.0, 1.0, 3000)
+    recording = answered(shaken, noise=0.0)
+    assert not any('row by row' in each for each in checked(recording)[1])
+
+
 def test_missing_channels_are_named_with_what_they_cost():
     recording = slow()
     lone = recording.replace(measured={'displacement': recording.measured['displacement']})

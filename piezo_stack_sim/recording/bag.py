@@ -29,6 +29,8 @@ from piezo_stack_sim.recording.topics import choose_topics
 DRIVE_KEY = 'piezo_stack_sim.drive'
 # Before the first command the device is at rest; longer rest says nothing more.
 _REST = 0.1
+# Messages that tell a topic which is sent all the time; part of a recording without any.
+_OFTEN, _SILENT = 20, 0.1
 # Part of a channel's range that counts as none.
 _MOVES = 0.05
 
@@ -107,12 +109,13 @@ class _Collector:
         self.sums = dict.fromkeys(self.held, 0.0)
         self.streams = {name: _Stream() for name in sources if name in MEASURED or name == base}
         self.first_held = {}
-        self.start = None
+        self.ends = {}  # of inputs: number of messages, first and last arrival, row of the last
+        self.start, self.last = None, 0.0
 
     def take(self, topic, arrival, raw, unpack):
         """Take one message in."""
         self.start = arrival if self.start is None else self.start
-        seconds = (arrival - self.start) / 1e9
+        seconds = self.last = (arrival - self.start) / 1e9
         for each in self.by_topic[topic]:
             value, stamp = each.value(raw, unpack)
             if each.channel == self.base:
@@ -121,6 +124,9 @@ class _Collector:
                     self.first_held = dict(self.held)
             if each.channel in self.held:
                 self.held[each.channel] = value
+                count, first, *_ = self.ends.get(each.channel, (0, seconds))
+                self.ends[each.channel] = (count + 1, first, seconds,
+                                           self.streams[self.base].count)
             if each.channel in self.streams:
                 self._keep_measured(each.channel, (seconds, stamp, value))
 
@@ -156,6 +162,20 @@ class _Collector:
         rest = self.streams[self.base].count % self.step
         if rest:
             self._keep(rest)
+
+
+def _died(source, collector):
+    """Return notes of inputs that came again and again and end long before the rows do."""
+    findings = []
+    for name, (count, first, last, row) in collector.ends.items():
+        silent = collector.last - last
+        if (count > _OFTEN and silent * (count - 1) > _OFTEN * (last - first)
+                and silent > _SILENT * collector.last):
+            findings.append(Finding(
+                source, max(row, 1), NOTE, f'{name} ends there, {silent:.4g} s before the '
+                'recording does', 'its last value counts as held; cut the rest off, if whoever '
+                'sent it died'))
+    return findings
 
 
 def _rate(stream):
@@ -363,6 +383,7 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
         raise InputError(f'{source}: {sources[base].field.topic} has no messages')
     if step > 1:
         findings.append(thinned(source, len(stream.value), step))
+    findings += _died(source, collector)
     time, more = _times(source, stream)
     findings += more
     columns = {'time': time}

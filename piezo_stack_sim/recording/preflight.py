@@ -63,7 +63,7 @@ def preflight(recording_set, device=None, require_measured=True, strict=False):
     for check in (
         samples.check_length, samples.check_numbers, timing.check_inputs_complete,
         timing.check_order, timing.check_unit, timing.check_grid, samples.check_missing,
-        samples.check_length,
+        samples.check_length, samples.check_own,
     ):
         stages.run(check)
     told = {each.name: causality.shows_at_once(each) for each in stages.passed}

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Preflight of single samples: missing values, dead, clipped and standing channels, zeros."""
 
+from itertools import combinations
+
 import numpy as np
 
 from piezo_stack_sim.recording.finding import found, NOTE, refuse, REPAIRED
@@ -18,6 +20,9 @@ _WENT_ON = 0.01
 # No unit makes a quantity of a stack that large.
 _ABSURD = 1e30
 _SPIKE = 10.0
+# Part of the range from which jumps to and fro are noise, and part of them that two channels with
+# the same numbers may differ by: the last digits that were written.
+_ROUGH, _ALIKE = 1e-6, 1e-2
 # A constant that stands for no answer is there so often, and in less than this part of the rows.
 _REPEATED, _STAND_INS = 3, 0.2
 # What no stack is given: a force (N), a voltage (V), a charge (C).
@@ -259,6 +264,45 @@ def check_length(recording):
         raise refuse(recording, None, f'only {len(recording)} rows',
                      f'at least {_FEWEST_ROWS} are needed')
     return recording, []
+
+
+def check_own(recording):
+    """
+    Refuse two channels that hold the same numbers: no two sensors have one noise.
+
+    Raises
+    ------
+    RefusedError
+        With the two names.
+
+    """
+    quiet = max(map(_roughness, (recording.command, recording.external_force)))
+    for one, other in combinations(recording.measured, 2):
+        a, b = recording.measured[one], recording.measured[other]
+        rough = _roughness(a)
+        # What the inputs shake, shakes all that follows them alike.
+        noisy = rough > max(_ROUGH, _SEEN * quiet)
+        if np.ptp(a) and (np.array_equal(a, b) or (noisy and _left_of(b, a) < _ALIKE * rough)):
+            raise refuse(recording, None, f'{other} is {one}, row by row, but for a factor: the '
+                         'noise is the same', 'map the right column, as in '
+                         f'--map {other}=..., or take one of them out')
+    return recording, []
+
+
+def _roughness(values):
+    """Return how far values jump to and fro from row to row, of their range; 0 if smooth."""
+    bend = np.diff(values, 2)
+    to_and_fro = np.mean(bend[1:] * bend[:-1] < 0.0) > 0.5
+    return float(np.median(np.abs(bend)) / np.ptp(values)) if to_and_fro else 0.0
+
+
+def _left_of(values, guide):
+    """Return the rms of what a line along a guide leaves of values, of their range."""
+    if not np.ptp(values):
+        return np.inf
+    values, guide = ((each - np.mean(each)) / np.ptp(each) for each in (values, guide))
+    rest = values - guide * (guide @ values) / (guide @ guide)
+    return float(np.sqrt(np.mean(rest**2)))
 
 
 def check_alive(recording, expected):
