@@ -151,7 +151,8 @@ def _diagnosis(verdict):
                         'undetectable': ['contact', 'stiffness_hardening']},
         'calibration': {
             'stiffness': {'nominal': 6e6, 'fitted': 6.041e6, 'ci': [5.91e6, 6.17e6],
-                          'unit': 'N/m', 'allowed': 0.02, 'at_bound': False},
+                          'unit': 'N/m', 'allowed': 0.02, 'at_bound': False,
+                          **({'corrected': 6.014e6} if selected else {})},
             'damping': {'nominal': 150.0, 'fitted': 153.0, 'ci': [148.2, 156.0],
                         'unit': 'N s/m', 'allowed': 0.02, 'at_bound': 'upper'},
             'linear_capacitance': {'nominal': 1.2e-6, 'fitted': 1.197e-6,

@@ -186,6 +186,11 @@ def test_a_tie_is_shown_as_a_tie():
     assert all('>tie<' in row for row in rows)
 
 
+def test_the_values_that_were_written_stand_beside_those_that_were_tuned_alone(cause):
+    assert '6.014 MN/m' in Page(render_report(cause)).words
+    assert 'In corrected.yaml' not in Page(render_report(make_diagnosis('UNKNOWN'))).words
+
+
 def test_a_parameter_at_its_bound_is_flagged():
     diagnosis = make_diagnosis('CAUSE')
     diagnosis['causes'][0]['parameters']['onset']['at_bound'] = 'upper'

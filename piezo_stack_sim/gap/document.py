@@ -20,13 +20,13 @@ from piezo_stack_sim.gap.course import (
     Course, is_plain, suspect_clock, suspect_heat, suspect_play)
 from piezo_stack_sim.gap.decision import count, Decision
 from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.gap.fit import Fit, Fitter, TONE
+from piezo_stack_sim.gap.fit import Fit, Fitter, Free, TONE
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.report_parts import (
-    calibration_part, cause_part, gap_part, records_part, shrinkage_part)
+    calibration_part, cause_part, gap_part, records_part, shrinkage_part, stuck_of)
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.staircase import suspect_steps
 from piezo_stack_sim.gap.verdict import outscored, probabilities, Verdict
@@ -78,7 +78,8 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         'where': place,
         'isolability': {'classes': decision.alike.classes,
                         'undetectable': decision.alike.unseen},
-        'calibration': calibration_part(fitter, search.nominal),
+        'calibration': calibration_part(fitter, search.nominal,
+                                        chosen if verdict.selected else None),
         'causes': _causes(fitter, search, decision, thresholds),
         'selected': list(verdict.selected),
         'ambiguity_set': list(verdict.tie),
@@ -91,7 +92,8 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
                           judge.structure(chosen.residual) > thresholds.excess)},
         'next_experiment': None,
         'warnings': _warnings(chosen, verdict, decision.singles, thresholds,
-                              fitter.nuisance.scale_free),
+                              fitter.nuisance.scale_free,
+                              stuck_of(chosen, search.fits.get(decision.name))),
         'baselines': _baselines(decision.singles, search, fitter, judge),
         'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
                 'steps': _steps(evidence, search, decision)},
@@ -147,7 +149,8 @@ def _causes(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
              if rank < PAIRS_SHOWN or pair.name in verdict.pairs]
     ranked = [*zip(decision.singles, chance.tolist()),
               *((pair, verdict.pairs.get(pair.name, 0.0)) for pair in shown)]
-    return [cause_part(each, search.correction(each.name), chance, decision.judge, nominal, fitter)
+    return [cause_part(each, search.correction(each.name), chance, decision.judge, nominal, fitter,
+                       search.fits[each.name])
             for each, chance in sorted(ranked, key=lambda row: -row[1])]
 
 
@@ -181,7 +184,7 @@ def _baselines(singles, search: Search, fitter: Fitter, judge: Judge) -> dict:
 
 
 def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thresholds,
-              scale_free: bool) -> list[str]:
+              scale_free: bool, stuck: list[Free]) -> list[str]:
     notes = []
     if scale_free and 'sensor_gain' not in verdict.selected:
         notes.append('sensor_gain in corrected.yaml is the scale of a displacement in units of '
@@ -195,7 +198,7 @@ def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thr
     if fit.line is not None and fit.line.is_unsteady:
         notes.append(f'the phase of {TONE} is another in every recording: a corrected device '
                      'swings as much, but not in step with the real one')
-    for free in fit.stuck:
+    for free in stuck:
         value = fit.effects[free.effect][free.parameter.name]
         notes.append(f'{free.effect}.{free.parameter.name} is stuck at its bound '
                      f'({value:.4g} {free.parameter.unit}): distrust it')

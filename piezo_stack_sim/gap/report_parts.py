@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
-from piezo_stack_sim.gap.fit import Fit, Fitter
+from piezo_stack_sim.gap.fit import Fit, Fitter, Free
 from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.noise import integrated_correlation
 from piezo_stack_sim.gap.ranked import Ranked
@@ -81,48 +81,84 @@ def standard_errors(fitter: Fitter, fit: Fit) -> np.ndarray:
     return np.sqrt(np.maximum(np.diag(np.linalg.pinv(square)), 0.0))
 
 
-def calibration_part(fitter: Fitter, fit: Fit) -> dict:
-    """Return the re-tuned nominal parameters of Table 1, and the scale if it was free."""
+def calibration_part(fitter: Fitter, fit: Fit, chosen: Fit | None = None) -> dict:
+    """
+    Return the re-tuned nominal parameters of Table 1, and the scale if it was free.
+
+    With those that a ``chosen`` correction has, which were tuned again beside its effects.
+    """
+    nuisance = fitter.nuisance
     errors = standard_errors(fitter, fit)[len(fit.free):]
-    result = {}
-    for i, name in enumerate(fitter.nuisance.names[:5]):
-        nominal = getattr(fitter.device.actuator, name)
-        fitted = nominal * (1.0 + fit.phi[i])
-        half = 1.96 * nominal * float(errors[i])
-        bound = float(fitter.nuisance.bound[i])
-        side = int(fit.phi[i] > 0.999 * bound) - int(fit.phi[i] < -0.999 * bound)
-        result[name] = {
-            'nominal': nominal, 'fitted': float(fitted), 'ci': [fitted - half, fitted + half],
-            'unit': UNITS[name], 'allowed': bound,
-            'at_bound': {0: False, 1: 'upper', -1: 'lower'}[side]}
-    if fitter.nuisance.scale_free:
-        half, fitted = 1.96 * float(errors[-1]), 1.0 + float(fit.phi[-1])
-        result['displacement_scale'] = {
-            'nominal': 1.0, 'fitted': fitted, 'ci': [fitted - half, fitted + half], 'unit': '1',
-            'allowed': float(fitter.nuisance.bound[-1]), 'at_bound': False}
+    shown = {name: i for i, name in enumerate(nuisance.names[:5])}
+    nominal = {name: getattr(fitter.device.actuator, name) for name in shown}
+    if nuisance.scale_free:
+        shown['displacement_scale'], nominal['displacement_scale'] = len(fit.phi) - 1, 1.0
+    result = {name: _tuned(nominal[name], float(fit.phi[i]), float(errors[i]),
+                           float(nuisance.bound[i])) | {'unit': UNITS.get(name, '1')}
+              for name, i in shown.items()}
+    if chosen is not None:
+        for name, i in shown.items():
+            # A gain of the sensor that is a cause takes the place of the scale.
+            if name in UNITS or 'sensor_gain' not in chosen.effects:
+                result[name]['corrected'] = nominal[name] * (1.0 + float(chosen.phi[i]))
     return result
 
 
+def _tuned(nominal: float, phi: float, error: float, bound: float) -> dict:
+    """Return a number that was re-tuned by phi, its interval as far as that is allowed."""
+    half, phi = 1.96 * error, min(max(phi, -bound), bound)  # a bound holds but for rounding
+    side = int(phi > 0.999 * bound) - int(phi < -0.999 * bound)
+    return {'nominal': nominal, 'fitted': nominal * (1.0 + phi),
+            'ci': [nominal * (1.0 + end)
+                   for end in (max(phi - half, -bound), min(phi + half, bound))],
+            'allowed': bound, 'at_bound': {0: False, 1: 'upper', -1: 'lower'}[side]}
+
+
 def cause_part(ranked: Ranked, fit: Fit, probability: float, judge: Judge, nominal: Fit,
-               fitter: Fitter) -> dict:
-    """Return one row of ``causes``."""
+               fitter: Fitter, earlier: Fit | None = None) -> dict:
+    """
+    Return one row of ``causes``.
+
+    What ``fit`` kept of an ``earlier`` one is as sure as it was there.
+    """
     names = ranked.name.split('+')
     blocks = list(dict.fromkeys(EFFECTS[name].block for name in names))
     gain, error = judge.difference(fit.residual, nominal.residual)
-    errors = standard_errors(fitter, fit) if probability > 0.01 and fit.free else None
+    sources = [(each, standard_errors(fitter, each) if probability > 0.01 and each.free else None)
+               for each in _sources(fit, earlier)]
     parameters = {}
     for name in names:
-        awake = any(free.parameter.late for free in fit.free if free.effect == name)
+        source, errors = next((row for row in sources if _is_free(row[0], name)), sources[0])
+        awake = any(free.parameter.late for free in source.free if free.effect == name)
         for parameter in EFFECTS[name].parameters:
             value = fit.effects[name][parameter.name]
             if (parameter.late or awake) and value == parameter.neutral:
                 continue  # what only mends the form and was not asked for that, or counts no more
             key = parameter.name if len(names) == 1 else f'{name}.{parameter.name}'
-            parameters[key] = _parameter(parameter, value, fit, name, errors)
+            parameters[key] = _parameter(parameter, value, source, name, errors)
     return {'effect': ranked.name, 'block': '+'.join(blocks),
             'summary': ' '.join(EFFECTS[name].summary for name in names),
             'probability': min(max(probability, 0.0), 1.0), 'parameters': parameters,
             'delta_log_score': float(gain), 'se': float(error), 'S': float(ranked.removed)}
+
+
+def _is_free(fit: Fit, effect: str) -> bool:
+    return any(free.effect == effect for free in fit.free)
+
+
+def _sources(fit: Fit, earlier: Fit | None) -> list[Fit]:
+    """Return a fit, and an earlier one if that was free in an effect that is kept from it."""
+    if earlier is None or earlier is fit:
+        return [fit]
+    kept = [name for name, values in fit.effects.items()
+            if not _is_free(fit, name) and earlier.effects.get(name) == values]
+    return [fit, earlier] if any(_is_free(earlier, name) for name in kept) else [fit]
+
+
+def stuck_of(fit: Fit, earlier: Fit | None = None) -> list[Free]:
+    """Return what came to rest at its bound, also in an earlier fit from which it was kept."""
+    return [free for i, each in enumerate(_sources(fit, earlier)) for free in each.stuck
+            if i == 0 or not _is_free(fit, free.effect)]
 
 
 def _finite(value: float) -> float | None:
@@ -139,7 +175,8 @@ def _parameter(parameter, value, fit: Fit, effect: str, errors) -> dict:
                 place = free.to_walk(max(value, parameter.lower))
                 ends = [free.to_value(place - 1.96 * errors[j]),
                         free.to_value(place + 1.96 * errors[j])]
-                ci = [_finite(end) for end in ends]
+                # No device has what lies beyond the bounds, a resistance below zero, say.
+                ci = [_finite(min(max(end, parameter.lower), parameter.upper)) for end in ends]
     return {'value': _finite(value), 'unit': parameter.unit, 'ci': ci, 'at_bound': at_bound,
             'neutral': _finite(parameter.neutral), 'lower': _finite(parameter.lower),
             'upper': _finite(parameter.upper), 'typical': _finite(parameter.typical)}

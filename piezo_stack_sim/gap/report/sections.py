@@ -202,7 +202,9 @@ def calibration_view(diagnosis):
     """Return each nominal parameter, what it was tuned to and where that lies in its allowance."""
     if not diagnosis['calibration']:
         return None
-    return {'rows': [_calibration(name, row) for name, row in diagnosis['calibration'].items()]}
+    rows = diagnosis['calibration'].items()
+    return {'rows': [_calibration(name, row) for name, row in rows],
+            'corrected': any(row.get('corrected') is not None for _, row in rows)}
 
 
 def _calibration(name, row):
@@ -220,6 +222,7 @@ def _calibration(name, row):
     return {
         'name': name, 'nominal': quantity(nominal, unit, 4),
         'fitted': with_interval(row['fitted'], row['ci'], unit, 4),
+        'corrected': quantity(row.get('corrected'), unit, 4),
         'change': UNKNOWN if change is None else
         f'{"+" if change > 0 else ""}{percent(change, 2)}',
         'allowed': f'± {percent(allowed, 1)}' if allowed else UNKNOWN,
