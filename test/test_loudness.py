@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings that are noisier than others are weighed so; what is no noise is not taken for it."""
 
+from dataclasses import replace
+
 import numpy as np
 from piezo_stack_sim.gap.bursts import suspect_bursts
 from piezo_stack_sim.gap.compare import compare_set
 from piezo_stack_sim.gap.course import Course
-from piezo_stack_sim.gap.evidence import prepare, TOLD
+from piezo_stack_sim.gap.evidence import noisier, prepare, TOLD
 from piezo_stack_sim.gap.where import block_residuals, by_regime
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -114,3 +116,35 @@ def test_what_is_as_quiet_as_its_noise_lies_in_no_regime():
     quiet = np.full(sum(track.measured[c].size for track in evidence.tracks
                         for c in track.channels), 0.9)
     assert all(row['share'] == row['ratio'] == 0.0 for row in by_regime(evidence, quiet))
+
+
+def test_who_moves_by_a_force_alone_neither_rises_nor_holds_nor_lies_low():
+    recordings, simulated = recorded()
+    pushed = recordings[0].replace(drive='open', command=0.0 * recordings[0].command,
+                                   external_force=10.0 * np.sin(300.0 * recordings[0].time))
+
+    def shares(given):
+        evidence = prepare(given, simulated[:len(given)])
+        loud = [np.full(track.measured[c].size, 2.0) for track in evidence.tracks
+                for c in track.channels]
+        return {row['name']: row['share'] for row in by_regime(evidence, np.concatenate(loud))}
+
+    assert list(shares([pushed])) == ['external force']
+    # The power is the same in all rows: no more lies in a regime than there are rows in it.
+    moved = len(recordings[1]) / (len(recordings[0]) + len(recordings[1]))
+    both = shares([pushed, recordings[1]])
+    assert both['rising'] + both['falling'] <= moved + 0.01
+    assert both['low bias'] + both['high bias'] <= moved + 0.01
+
+
+def test_a_single_recording_is_not_called_noisier_than_the_quietest():
+    recordings, simulated = recorded()
+    evidence = prepare(recordings, simulated)
+    first, *others = evidence.tracks
+    loud = replace(first, louder={'displacement': 1.4})
+    told = noisier(replace(evidence, tracks=(loud, *others)))
+    assert [finding.what for finding in told] == [
+        'displacement is 1.4 times as noisy as in the quietest recording']
+    assert noisier(replace(evidence, tracks=(loud,))) == []
+    bare = replace(others[0], measured={'charge': others[0].measured['charge']})
+    assert noisier(replace(evidence, tracks=(loud, bare))) == []

@@ -157,12 +157,14 @@ def quieter(evidence: Evidence, simulated) -> Evidence:
 
 
 def noisier(evidence: Evidence) -> list[Finding]:
-    """Return what to tell of recordings that are noisier than others."""
+    """Return what to tell of recordings that are noisier than others of the same channel."""
+    several = {channel for channel in evidence.channels
+               if sum(channel in track.measured for track in evidence.tracks) > 1}
     return [found(track.recording, None, NOTE,
                   f'{channel} is {times:.2g} times as noisy as in the quietest recording',
                   'it is weighed by its own noise: another range, filter or rate of the sensor?')
             for track in evidence.tracks for channel, times in sorted(track.louder.items())
-            if times > TOLD]
+            if times > TOLD and channel in several]
 
 
 def of_any_colour(evidence: Evidence, simulated) -> Evidence:

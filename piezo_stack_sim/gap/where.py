@@ -351,7 +351,15 @@ def by_regime(evidence: Evidence, residual: np.ndarray) -> list[dict]:
 
 
 def _regimes(track) -> dict[str, np.ndarray]:
-    """Return which rows of a track rise, fall, hold, or lie at high bias, shape (m,) each."""
+    """
+    Return which rows of a track rise, fall, hold, or lie at high bias, shape (m,) each.
+
+    Of a command that never moves none does any of it.
+    """
+    force = track.average(track.recording.external_force)
+    pushed = {'external force': np.abs(force) > 1e-3 * (np.abs(force).max() or 1.0)}
+    if not np.ptp(track.recording.command):
+        return pushed
     command = track.average(track.recording.command)
     rate = np.gradient(command)
     scale = np.abs(rate).max() or 1.0
@@ -365,11 +373,10 @@ def _regimes(track) -> dict[str, np.ndarray]:
         near[max(0, t - width):t + width] = True
     last = np.maximum.accumulate(np.where(~still, np.arange(command.size), 0))
     since = (np.arange(command.size) - last) * track.recording.period * track.factor
-    force = track.average(track.recording.external_force)
     return {
         'rising': (rate > 0) & ~still, 'falling': (rate < 0) & ~still,
         'near reversals': near, 'high bias': level > 2.0 / 3.0, 'low bias': level < 1.0 / 3.0,
         'holding, up to 1 s after a change': still & (since < 1.0),
         'holding, more than 1 s after a change': still & (since >= 1.0),
-        'external force': np.abs(force) > 1e-3 * (np.abs(force).max() or 1.0),
+        **pushed,
     }
