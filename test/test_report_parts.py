@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import prepare
+from piezo_stack_sim.gap.experiment import next_experiment
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.ranked import Ranked
-from piezo_stack_sim.gap.report_parts import calibration_part, cause_part, stuck_of
+from piezo_stack_sim.gap.report_parts import (
+    calibration_part, cause_part, outdone, stuck_of)
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -125,3 +127,25 @@ def test_a_free_scale_tells_where_it_comes_to_its_bound(part, at_bound):
     assert row['at_bound'] == at_bound and row['corrected'] == row['fitted']
     gain = replace(scaled, effects={'sensor_gain': {'gain_error': 0.1}})
     assert 'corrected' not in calibration_part(fitter, scaled, gain)['displacement_scale']
+
+
+@pytest.mark.parametrize('score, false, warned', [
+    (0.2, 0.63, True), (0.0, 0.02, True), (0.63, 0.2, False), (0.999, 0.63, False),
+    (-0.3, -0.1, False), (None, None, False)])
+def test_a_placebo_that_removes_more_than_the_answer_is_warned_of(score, false, warned):
+    found = outdone({'charge': {'S': score}, 'displacement': {'S': 0.9},
+                     'placebo': {'charge': false, 'displacement': 0.1}, 'ceiling': {}})
+    assert len(found) == warned
+    assert not warned or 'charge' in found[0] and 'distrust' in found[0]
+
+
+def test_of_many_tied_causes_it_is_said_how_many_an_experiment_was_tried_with(fitter, both):
+    names = [f'sensor_lag+{other}' for other in ('creep', 'friction', 'added_mass', 'leakage',
+                                                  'contact', 'thermal_drift')]
+    tied = {name: replace(both, effects={'sensor_lag': {'time_constant': 1e-4 * (1 + i)}})
+            for i, name in enumerate(names)}
+    asked = next_experiment(fitter, fitter.evidence, tied)
+    assert 'of the first 5 of 6 tied causes' in asked['why']
+    assert 'thermal_drift' not in asked['separates'] and len(asked['separates']) == 5
+    few = next_experiment(fitter, fitter.evidence, dict(list(tied.items())[:2]))
+    assert 'of the tied causes' in few['why']

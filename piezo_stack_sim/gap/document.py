@@ -26,7 +26,7 @@ from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.report_parts import (
-    calibration_part, cause_part, gap_part, records_part, shrinkage_part, stuck_of)
+    calibration_part, cause_part, gap_part, outdone, records_part, shrinkage_part, stuck_of)
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.staircase import suspect_steps
 from piezo_stack_sim.gap.verdict import outscored, probabilities, Verdict
@@ -66,6 +66,10 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
     evidence, judge, verdict = fitter.evidence, decision.judge, decision.verdict
     chosen = decision.chosen(search)
     place, why = _where_part(fitter, search, verdict, decision.singles, behind)
+    shrinkage = shrinkage_part(evidence, fitter.base, chosen.residual, flexible,
+                               blackbox.placebo_corrections(evidence, fitter.base),
+                               [search.correction(ranked.name).residual
+                                for ranked in (*decision.singles, *decision.pairs)])
     return {
         'schema': 'piezo_stack_sim/diagnosis/1',
         'verdict': verdict.word,
@@ -83,17 +87,15 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         'causes': _causes(fitter, search, decision, thresholds),
         'selected': list(verdict.selected),
         'ambiguity_set': list(verdict.tie),
-        'shrinkage': shrinkage_part(evidence, fitter.base, chosen.residual, flexible,
-                                    blackbox.placebo_corrections(evidence, fitter.base),
-                                    [search.correction(ranked.name).residual
-                                     for ranked in (*decision.singles, *decision.pairs)]),
+        'shrinkage': shrinkage,
         'remaining': {'gap': gap_part(evidence, after),
                       'structured': verdict.word != 'NO_GAP' and bool(
                           judge.structure(chosen.residual) > thresholds.excess)},
         'next_experiment': None,
-        'warnings': _warnings(chosen, verdict, decision.singles, thresholds,
-                              fitter.nuisance.scale_free,
-                              stuck_of(chosen, search.fits.get(decision.name))),
+        'warnings': [
+            *_warnings(chosen, verdict, decision.singles, thresholds, fitter.nuisance.scale_free,
+                       stuck_of(chosen, search.fits.get(decision.name))),
+            *(outdone(shrinkage) if verdict.selected else ())],
         'baselines': _baselines(decision.singles, search, fitter, judge),
         'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
                 'steps': _steps(evidence, search, decision)},

@@ -91,11 +91,13 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
     candidates.sort(key=lambda c: -c[0])
     _, separation, profile, settings, extra = candidates[0]
     others = [c for c in candidates[1:] if c[2] != profile or c[4] != extra][:2]
-    return {**_entry(separation, profile, settings, extra, told),
-            'alternatives': [_entry(c[1], c[2], c[3], c[4], told) for c in others]}
+    among = 'the tied causes' if len(tied) == len(names) else (
+        f'the first {len(names)} of {len(tied)} tied causes, no others compared,')
+    return {**_entry(separation, profile, settings, extra, told, among),
+            'alternatives': [_entry(c[1], c[2], c[3], c[4], told, among) for c in others]}
 
 
-def _entry(separation, profile, settings, extra, told) -> dict:
+def _entry(separation, profile, settings, extra, told, among) -> dict:
     words = ' '.join(
         f'--{key} ' + ' '.join(f'{each:g}' for each in (
             value if isinstance(value, list) else [value]))
@@ -104,7 +106,7 @@ def _entry(separation, profile, settings, extra, told) -> dict:
     return {'profile': profile, 'settings': settings, 'add_channel': extra, 'separates': told,
             'separation': float(separation),
             'command': f'piezo_stack excite {profile} {words} --out next_{profile}',
-            'why': f'the two closest of the tied causes then differ by {separation:.1f} times '
+            'why': f'the two closest of {among} then differ by {separation:.1f} times '
                    f'the noise{besides}'}
 
 

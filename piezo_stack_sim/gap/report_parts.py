@@ -13,6 +13,7 @@ from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
 from piezo_stack_sim.gap.fit import Fit, Fitter, Free
 from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.noise import integrated_correlation
+from piezo_stack_sim.gap.quantities import percent, words
 from piezo_stack_sim.gap.ranked import Ranked
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power, without_zero
 
@@ -213,6 +214,15 @@ def shrinkage_part(evidence: Evidence, base, after, flexible, placebos, others=(
     result['withheld'] = [f'every second of {STRETCHES} stretches of {t.recording.name}'
                           for t in evidence.tracks]
     return result
+
+
+def outdone(shrinkage: dict) -> list[str]:
+    """Return warnings of channels in which a placebo removes more than what was switched on."""
+    return [f'a correction that exists in no device removes more of the gap in {words(channel)} '
+            f'({percent(false)}) than what is switched on ({percent(shrinkage[channel]["S"])}): '
+            'distrust it'
+            for channel, false in shrinkage['placebo'].items()
+            if false is not None and false > max(shrinkage[channel]['S'], 0.0)]
 
 
 def _interval(evidence: Evidence, base, after, channel, level, share: float
