@@ -12,6 +12,7 @@ import numpy as np
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.examples import laboratory
+from piezo_stack_sim.gap.compare import compare_set
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes, RecordingSet
 from piezo_stack_sim.recording.mapping import is_displacement_arbitrary, parse_units
@@ -82,6 +83,20 @@ def test_a_displacement_of_any_scale_and_sign_gets_the_size_of_the_device(scale)
     assert np.ptp(ratio[moved > 1e-6]) < 1e-9
     assert 0.5 < np.median(ratio[moved > 1e-6]) < 2.0
     assert any('units of its own' in str(each) for each in findings)
+
+
+def test_the_scale_that_is_told_is_the_one_that_is_used():
+    """Preflight guesses by statics, which are 6 % off here; the simulation tells better."""
+    device = Device.nominal()
+    run = programmes.triangle((80.0,), 100.0, 4, 10e3)
+    moved = simulate(device, run.time, run.command).displacement
+    noise = 1e-9 * np.random.default_rng(5).standard_normal(len(run))
+    given = run.replace(measured={'displacement': -4e5 * (moved + noise)}, arbitrary=True)
+    told = [finding for finding in compare_set(RecordingSet('set', (given,)), device)['preflight']
+            if 'units of its own' in finding['what']]
+    assert len(told) == 1
+    factor = float(told[0]['mend'].split()[2])
+    assert factor == pytest.approx(-1.0 / 4e5, rel=2e-3)
 
 
 @pytest.mark.parametrize('zero', [5e-7, -2e-8])

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from piezo_stack_sim.recording.finding import Finding
 from piezo_stack_sim.recording.magnitude import arbitrary_factor, give_size
 from piezo_stack_sim.recording.recording import Recording
 
@@ -17,7 +18,7 @@ def is_arbitrary(recordings: Sequence[Recording]) -> bool:
 
 
 def sized(recordings: Sequence[Recording], simulated: Sequence[dict[str, np.ndarray]]
-          ) -> tuple[Recording, ...]:
+          ) -> tuple[tuple[Recording, ...], list[Finding]]:
     """
     Scale arbitrary displacements, all alike, so that they move as far as the simulated ones.
 
@@ -30,9 +31,12 @@ def sized(recordings: Sequence[Recording], simulated: Sequence[dict[str, np.ndar
 
     Returns
     -------
-    tuple of Recording
+    recordings : tuple of Recording
         Those whose displacement is in metres stay as they are.
+    findings : list of Finding
+        By what the others are multiplied now, all in all.
 
     """
     factor = arbitrary_factor(recordings, simulated)
-    return tuple(give_size(each, factor)[0] for each in recordings)
+    given = [give_size(each, factor) for each in recordings]
+    return tuple(each for each, _ in given), [finding for _, told in given for finding in told]

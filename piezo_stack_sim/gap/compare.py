@@ -11,6 +11,7 @@ from piezo_stack_sim.gap.evidence import noisier, prepare
 from piezo_stack_sim.gap.given import simulate_given
 from piezo_stack_sim.gap.report_parts import gap_part, records_part
 from piezo_stack_sim.plant import Device
+from piezo_stack_sim.recording.finding import renewed
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
 
@@ -57,4 +58,4 @@ def compare_set(recordings: RecordingSet, device: Device) -> dict:
                   'records': records, 'bands': where.by_band(evidence, residual),
                   'regimes': where.by_regime(evidence, residual)},
         'records': records_part(evidence),
-        'preflight': [asdict(f) for f in findings + more + noisier(evidence)]}
+        'preflight': [asdict(f) for f in [*renewed(findings, more), *noisier(evidence)]]}

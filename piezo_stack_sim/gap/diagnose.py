@@ -29,6 +29,7 @@ from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.ranked import DEFAULTS, Thresholds
 from piezo_stack_sim.gap.terminals import look_at_terminals
 from piezo_stack_sim.plant import Device
+from piezo_stack_sim.recording.finding import renewed
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
 
@@ -100,7 +101,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     checked, findings = preflight(recordings, device)
     progress('simulating the parameter file as given')
     checked, before, more = simulate_given(checked, device)
-    findings = findings + more
+    findings = renewed(findings, more)
     evidence = prepare(checked.recordings, before, device)
     progress('re-tuning the nominal parameters')
     fitter = Fitter(device, evidence)

@@ -40,7 +40,8 @@ def simulate_given(given: RecordingSet, device: Device
     simulated : list of dict
         Channel to (n,) array for each recording.
     findings : list of Finding
-        What was before which, and what was taken off an input or a voltage.
+        What was before which, what was taken off an input or a voltage, and the size that
+        displacements were given, which preflight had only guessed.
 
     """
     recordings, findings = given.recordings, []
@@ -50,4 +51,5 @@ def simulate_given(given: RecordingSet, device: Device
         if told:
             findings += told
             simulated = simulate_set(device, recordings)
-    return given.replace(recordings=sized(recordings, simulated)), simulated, findings
+    recordings, told = sized(recordings, simulated)
+    return given.replace(recordings=recordings), simulated, findings + told

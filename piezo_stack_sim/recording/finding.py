@@ -64,6 +64,13 @@ def found(recording, row, severity, what, mend=''):
                    mend)
 
 
+def renewed(findings, later):
+    """Return findings and later ones; what was found of the same once more takes its place."""
+    again = {(each.file, each.row, each.what): each for each in later}
+    kept = [again.pop((each.file, each.row, each.what), each) for each in findings]
+    return [*kept, *again.values()]
+
+
 def row_of(recording, index):
     """
     Return the row of the file that a sample came from.

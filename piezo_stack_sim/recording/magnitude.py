@@ -97,13 +97,18 @@ def arbitrary_factor(recordings, expected):
 
 
 def give_size(recording, factor):
-    """Give an arbitrary displacement the size that the device should have."""
+    """
+    Give an arbitrary displacement the size that the device should have.
+
+    What is told of it counts how often that was done before.
+    """
     if not recording.arbitrary or 'displacement' not in recording.measured:
         return recording, []
     measured = {**recording.measured, 'displacement': factor * recording.measured['displacement']}
-    return recording.replace(measured=measured), [found(
+    scale = factor * recording.scale
+    return recording.replace(measured=measured, scale=scale), [found(
         recording, None, NOTE, 'displacement is in units of its own: its scale tells nothing',
-        f'multiplied by {factor:.4g} m, as the stroke of the device tells')]
+        f'multiplied by {scale:.4g} m, as the stroke of the device tells')]
 
 
 def _explain(channel, ratio):

@@ -70,6 +70,8 @@ class Recording:
     arbitrary : bool
         Whether the displacement is in units of its own, such as volts of a sensor that nobody
         calibrated: preflight gives it the size that the device should have.
+    scale : float
+        Metres that a unit of an arbitrary displacement was given so far.
     start : tuple of float
         Voltage command (V) and external force (N) under which the device rested before the
         first row, where charge and displacement count from; preflight tells.
@@ -104,6 +106,7 @@ class Recording:
     before: tuple[float, ...] = ()
     unsure: dict[str, float] = field(default_factory=dict)
     timed: bool = False
+    scale: float = 1.0
 
     def __post_init__(self):
         """Turn what was given into read-only vectors of one length."""
