@@ -3,10 +3,13 @@
 """``piezo_stack compare`` and ``diagnose``: what a person reads and where it is written."""
 
 import json
+import shlex
 
 import numpy as np
 from piezo_stack_sim.cli import main
+from piezo_stack_sim.commands import diagnose
 from piezo_stack_sim.gap.compare import compare_set
+from piezo_stack_sim.gap.write import command_of
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.progress import Bars, Stage, track
 from piezo_stack_sim.recording import programmes, read_set
@@ -88,6 +91,15 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_work(bench, tmp_path, c
     assert main(['diagnose', str(bench), '--params', PARAMS, '--out', str(out)]) == 2
     said = capsys.readouterr().err
     assert len(said.splitlines()) == 1 and 'taken' in said and 'cannot be made a folder' in said
+
+
+def test_the_command_that_is_told_can_be_given_to_a_shell():
+    given = ['bench [new]', "it's.csv"], PARAMS, '/tmp/an out', ['displacement=/s.position[0]'], (
+        'displacement=um', 'charge=uC')
+    parsed = diagnose.command.make_context('diagnose', shlex.split(command_of(*given))[2:]).params
+    assert [list(parsed[name]) for name in ('recordings', 'maps', 'units')] == [
+        list(given[0]), given[3], list(given[4])]
+    assert (parsed['params'], parsed['out']) == given[1:3]
 
 
 @pytest.mark.parametrize('command', ['compare', 'diagnose'])

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+import shlex
 
 from piezo_stack_sim.atomic import make_folder
 from piezo_stack_sim.errors import InputError
@@ -58,6 +60,7 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     found = diagnose_set(recordings, device, progress)
     diagnosis, corrected = found.document, found.device
     diagnosis['how']['settings']['seconds'] = round(found.seconds, 1)
+    diagnosis['how'] |= {'command': command_of(paths, params, out, mapping, units), **_version()}
     files = {name: str(folder / file) for name, file in (
         ('diagnosis', 'diagnosis.json'), ('report', 'report.html'),
         ('corrected', 'corrected.yaml'))}
@@ -72,6 +75,23 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     write_report(diagnosis, files['report'])
     write_diagnosis(diagnosis, files['diagnosis'])
     return diagnosis
+
+
+def command_of(paths: Sequence[str], params: str, out: str, mapping=None, units=None) -> str:
+    """Return the command that makes a diagnosis once more, wherever it was asked for."""
+    words = ['piezo_stack', 'diagnose', *map(str, paths), '--params', str(params),
+             '--out', str(out)]
+    for option, given in (('--map', mapping), ('--unit', units)):
+        words += [word for each in given or () for word in (option, str(each))]
+    return shlex.join(words)
+
+
+def _version() -> dict[str, str]:
+    """Return the version of the package as ``how`` has it; nothing where it is not installed."""
+    try:
+        return {'version': version('piezo_stack_sim')}
+    except PackageNotFoundError:
+        return {}
 
 
 def inputs_of(paths: Sequence[str], params: str, mapping=None, units=None) -> dict:
