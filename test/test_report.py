@@ -18,7 +18,8 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.quantities import (
     percent, percent_with_interval, quantity, with_interval)
 from piezo_stack_sim.gap.report import render_report, write_report
-from piezo_stack_sim.gap.report.sections import headline_view, parameters_view, SECTIONS
+from piezo_stack_sim.gap.report.sections import (
+    headline_view, loops_view, parameters_view, SECTIONS)
 from piezo_stack_sim.gap.schema import validate, VERDICTS
 from piezo_stack_sim.gap.storage import read_diagnosis, write_diagnosis
 from piezo_stack_sim.gap.summary import summary_lines, terminal_summary
@@ -178,6 +179,19 @@ def test_of_two_causes_what_may_be_exchanged_is_said_in_words(exchangeable):
     assert 'creep + (amplifier bandwidth or sensor lag)' in page.words
     lines = [line for line, _ in summary_lines(exchangeable) if 'tie' in line]
     assert len(lines) == 2 and all('creep +' in line for line in lines)
+
+
+@pytest.mark.parametrize(('drive', 'channels', 'drawn'), [
+    ('voltage', ['displacement'], True), ('charge', ['displacement'], True),
+    ('charge', ['charge'], False), ('voltage', ['voltage'], False), ('open', [], False),
+    ('open', ['displacement'], False), ('open', ['voltage', 'displacement'], True)])
+def test_loops_are_shown_where_two_are_known_the_command_being_one(cause, drive, channels, drawn):
+    recording = copy.deepcopy(cause['traces']['recordings'][0])
+    view = recording['views']['overview']
+    view['channels'] = {name: view['channels'][name] for name in channels}
+    view['command'] = None if drive == 'open' else view['command']
+    given = {**cause, 'traces': {'recordings': [{**recording, 'drive': drive}]}}
+    assert (loops_view(given) is not None) == drawn
 
 
 def test_a_tie_is_shown_as_a_tie():

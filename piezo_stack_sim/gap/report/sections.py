@@ -17,6 +17,9 @@ from piezo_stack_sim.gap.report.chain import chain_view
 from piezo_stack_sim.gap.report.ranking import isolability_view, ranking_view
 from piezo_stack_sim.gap.report.scales import Scale
 
+# As report.js draws them
+LOOPS = (('voltage', 'charge'), ('charge', 'displacement'), ('voltage', 'displacement'))
+
 Section = namedtuple('Section', 'id short title template view')
 
 
@@ -91,10 +94,15 @@ def traces_view(diagnosis):
 
 
 def loops_view(diagnosis):
-    """Return whether there are two channels to draw against each other."""
+    """Return whether there are two to draw against each other: channels, or the command."""
     recordings = diagnosis.get('traces', {}).get('recordings', ())
-    return {} if any(len(recording['views']['overview']['channels']) > 1
-                     or recording['drive'] == 'voltage' for recording in recordings) else None
+    return {} if any(map(_has_loop, recordings)) else None
+
+
+def _has_loop(recording):
+    overview = recording['views']['overview']
+    known = {*overview['channels'], *([recording['drive']] if overview['command'] else ())}
+    return any(x in known and y in overview['channels'] for x, y in LOOPS)
 
 
 def spectra_view(diagnosis):
