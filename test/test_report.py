@@ -362,6 +362,12 @@ def test_the_summary_says_of_the_block_what_is_known(block, shares, line):
     assert _where_lines(block=block, shares=shares)[0] == f'Where   {line}'
 
 
+def test_the_summary_names_the_blocks_of_all_that_together_cause_a_gap():
+    lines = [line for line, _ in summary_lines(make_diagnosis('MULTIPLE'), 100)]
+    assert any(line.startswith('Where   electrical and drive blocks; by the cuts electrical 83 %')
+               for line in lines)
+
+
 def test_shares_of_nothing_are_not_told():
     none = {'name': 'rising', 'share': 0.0}
     assert _where_lines(records={'steps': 0.0}, regimes=[none],

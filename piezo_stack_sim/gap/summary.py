@@ -7,7 +7,7 @@ import textwrap
 from piezo_stack_sim.gap.quantities import (in_order, listing, percent, probability,
                                             quantity, times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.wording import (
-    as_sentence, next_sentence, reference_score, shrinkage_channels, tied, verdict_sentence,
+    as_sentence, blocks, next_sentence, reference_score, shrinkage_channels, tied, verdict_sentence,
     VERDICTS)
 
 LINES = 25
@@ -116,9 +116,9 @@ def _where(diagnosis):
     where = diagnosis['where']
     if diagnosis['verdict'] == 'NO_GAP':
         return []
-    block, by_cuts = where['block'], _largest(where['shares'], 3)
+    block, by_cuts = blocks(diagnosis), _largest(where['shares'], 3)
     parts = [part for part in (
-        f'{block} block' if block else '',
+        block,
         f'by the cuts {by_cuts}' if block and by_cuts else by_cuts) if part]
     lines = [f'Where   {"; ".join(parts) or "cannot be said"}']
     details = [part for part in (

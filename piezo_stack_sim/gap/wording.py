@@ -126,6 +126,17 @@ def lead_channel(diagnosis):
     return max(told or gap, key=times)
 
 
+def blocks(diagnosis):
+    """Return the block of the gap, or those of all the effects that together cause it, or ''."""
+    named = [diagnosis['where']['block']]
+    if diagnosis['verdict'] == 'MULTIPLE':
+        lives = {cause['effect']: cause['block'] for cause in diagnosis['causes']}
+        named = list(dict.fromkeys(
+            lives[effect] for group in alternatives(diagnosis) for effect in group
+            if effect in lives)) or named
+    return f'{listing(named)} block{"s" * (len(named) > 1)}' if named[0] else ''
+
+
 def shrinkage_channels(diagnosis):
     """Return the channels of ``shrinkage``, without what stands beside them."""
     return {channel: diagnosis['shrinkage'][channel] for channel in in_order(

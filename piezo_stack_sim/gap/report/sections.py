@@ -41,23 +41,12 @@ def headline_view(diagnosis):
         'sentence': wording.verdict_sentence(diagnosis),
         'reason': wording.as_sentence(diagnosis.get('reason')),
         'what': what or joint.join(named),
-        'block': _blocks(diagnosis),
+        'block': wording.blocks(diagnosis),
         'sure': probability(wording.confidence(diagnosis)),
         'smaller': _smaller(diagnosis),
         'next': wording.next_sentence(experiment) if experiment else None,
         'refused': sum(row['severity'] == 'refused' for row in diagnosis.get('preflight', ())),
     }
-
-
-def _blocks(diagnosis):
-    """Return the block of the gap, or those of all the effects that together cause it."""
-    blocks = [diagnosis['where']['block']]
-    if diagnosis['verdict'] == 'MULTIPLE':
-        lives = {cause['effect']: cause['block'] for cause in diagnosis['causes']}
-        blocks = list(dict.fromkeys(
-            lives[effect] for group in wording.alternatives(diagnosis) for effect in group
-            if effect in lives)) or blocks
-    return f'{listing(blocks)} block{"s" * (len(blocks) > 1)}' if blocks[0] else ''
 
 
 def _smaller(diagnosis):
