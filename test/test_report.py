@@ -194,6 +194,17 @@ def test_loops_are_shown_where_two_are_known_the_command_being_one(cause, drive,
     assert (loops_view(given) is not None) == drawn
 
 
+def test_what_was_not_preferred_is_not_called_the_best_that_can_be_had():
+    diagnosis = make_diagnosis('AMBIGUOUS')
+    other = diagnosis['next_experiment']['alternatives'][0]
+    other['separation'] = 0.1  # which says nothing of the programme that was preferred
+    page = Page(render_report(diagnosis))
+    assert 'No programme tells' not in page.words
+    assert 'Play triangle with frequency 0.1 0.10 × noise' in page.words
+    diagnosis['next_experiment']['separation'] = 0.3
+    assert Page(render_report(diagnosis)).words.count('No programme tells') == 2  # tile, section
+
+
 def test_a_tie_is_shown_as_a_tie():
     rows = re.findall(r'<tr class="tied.*?</tr>', render_report(make_diagnosis('AMBIGUOUS')), re.S)
     assert len(rows) == 3

@@ -149,8 +149,8 @@ def reference_score(diagnosis, name, channel):
     return value.get(channel) if isinstance(value, dict) else value
 
 
-def next_sentence(experiment):
-    """Return the next experiment as an instruction, with what it would gain."""
+def instruction(experiment):
+    """Return what to do in an experiment, without what it would gain."""
     profile, settings = experiment['profile'], experiment['settings']
     parts = []
     if profile:
@@ -158,7 +158,12 @@ def next_sentence(experiment):
         parts.append(f'play {words(profile)}' + (f' with {tuned}' if tuned else ''))
     if experiment['add_channel']:
         parts.append(f'measure {words(experiment["add_channel"])} as well')
-    text = _capital(' and '.join(parts) or 'record more')
+    return _capital(' and '.join(parts) or 'record more')
+
+
+def next_sentence(experiment):
+    """Return the next experiment as an instruction, with what it would gain."""
+    text = instruction(experiment)
     if experiment['separation'] is not None and experiment['separation'] < APART:
         told = listing(map(words, experiment['separates']))
         return (f'No programme tells {told} apart with these channels: {text} makes them differ '

@@ -234,9 +234,10 @@ def next_view(diagnosis):
         return None
     choices = [experiment, *experiment.get('alternatives', ())]
     scale = Scale(0.0, max((choice['separation'] or 0.0 for choice in choices), default=0.0))
-    return {'best': {'why': wording.as_sentence(experiment.get('why')),
+    return {'best': {'sentence': wording.next_sentence(experiment),
+                     'why': wording.as_sentence(experiment.get('why')),
                      'command': experiment.get('command')}, 'choices': [
-        {'sentence': wording.next_sentence(choice), 'figure': times_noise(choice['separation']),
+        {'name': wording.instruction(choice), 'figure': times_noise(choice['separation']),
          'width': scale.place(choice['separation'])} for choice in choices]}
 
 
