@@ -140,8 +140,8 @@ def test_a_placebo_that_removes_more_than_the_answer_is_warned_of(score, false, 
 
 
 def test_of_many_tied_causes_it_is_said_how_many_an_experiment_was_tried_with(fitter, both):
-    names = [f'sensor_lag+{other}' for other in ('creep', 'friction', 'added_mass', 'leakage',
-                                                  'contact', 'thermal_drift')]
+    others = ('creep', 'friction', 'added_mass', 'leakage', 'contact', 'thermal_drift')
+    names = [f'sensor_lag+{other}' for other in others]
     tied = {name: replace(both, effects={'sensor_lag': {'time_constant': 1e-4 * (1 + i)}})
             for i, name in enumerate(names)}
     asked = next_experiment(fitter, fitter.evidence, tied)

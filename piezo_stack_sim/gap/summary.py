@@ -7,8 +7,8 @@ import textwrap
 from piezo_stack_sim.gap.quantities import (in_order, listing, percent, probability,
                                             quantity, times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.wording import (
-    as_sentence, blocks, next_sentence, reference_score, shrinkage_channels, tied, verdict_sentence,
-    VERDICTS)
+    as_sentence, blocks, next_sentence, reference_score, shrinkage_channels, tied,
+    verdict_sentence, VERDICTS)
 
 LINES = 25
 WORTH = 0.01  # share of the gap's power from which a block is worth a word
