@@ -9,6 +9,7 @@ import numpy as np
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.commands import diagnose
 from piezo_stack_sim.gap.compare import compare_set
+from piezo_stack_sim.gap.wording import cut
 from piezo_stack_sim.gap.write import command_of
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.progress import Bars, Stage, track
@@ -39,6 +40,7 @@ def test_brackets_in_names_and_headers_are_shown_as_they_are(bench, capsys):
     assert main(['compare', str(bench), '--params', PARAMS]) == 0
     said = capsys.readouterr().out
     assert 'bench [new]' in said and 'recording run [old]' in said
+    assert 'blocks drive to sensor, in one cut' in said  # for only the displacement was read
     assert 'displacement [um]' in said
 
 
@@ -83,6 +85,27 @@ def test_the_gap_is_what_the_sensor_reads_too_much(bench, capsys):
     expected = 0.05 * np.sqrt(np.mean(moved ** 2))
     assert found['gap']['displacement']['rms'] == pytest.approx(expected, rel=0.02)
     assert found['where']['channels'] == {'displacement': 1.0}
+
+
+@pytest.mark.parametrize(('channels', 'cuts'), [
+    (('displacement',), ['drive to sensor']),
+    (('charge', 'displacement'), ['drive to electrical', 'transducer to sensor']),
+    (('voltage', 'charge', 'displacement'), ['transducer to sensor'])])
+def test_blocks_between_which_nothing_was_measured_are_told_as_one_cut(channels, cuts):
+    programme = programmes.triangle(peaks=(60.0,), cycles=1)
+    answer = simulate(Device.nominal(), programme.time, programme.command)
+    random = np.random.default_rng(5)
+    noise = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
+    measured = {channel: getattr(answer, channel) + noise[channel] * random.standard_normal(
+        len(programme)) for channel in channels}
+    measured['displacement'] = 1.05 * measured['displacement']
+    result = compare_set(RecordingSet('bench', (programme.replace(measured=measured),)),
+                         Device.nominal())
+    where = result['where']
+    assert [cut(block, where) for block, row in where['blocks'].items()
+            if 'spans' in row] == cuts
+    assert set().union(*(row.get('spans', {block}) for block, row in where['blocks'].items())) == {
+        'drive', 'electrical', 'transducer', 'mechanical', 'environment', 'sensor'}
 
 
 def test_a_folder_that_cannot_be_made_is_told_before_the_work(bench, tmp_path, capsys):

@@ -18,6 +18,7 @@ from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap.quantities import (
     percent, percent_with_interval, quantity, with_interval)
 from piezo_stack_sim.gap.report import render_report, write_report
+from piezo_stack_sim.gap.report.chain import chain_view
 from piezo_stack_sim.gap.report.sections import (
     headline_view, loops_view, parameters_view, SECTIONS)
 from piezo_stack_sim.gap.schema import validate, VERDICTS
@@ -203,6 +204,36 @@ def test_what_was_not_preferred_is_not_called_the_best_that_can_be_had():
     assert 'Play triangle with frequency 0.1 0.10 × noise' in page.words
     diagnosis['next_experiment']['separation'] = 0.3
     assert Page(render_report(diagnosis)).words.count('No programme tells') == 2  # tile, section
+
+
+@pytest.mark.parametrize(('verdict', 'here', 'told'), [
+    ('AMBIGUOUS', ('electrical', 'mechanical', 'environment'), 'electrical, mechanical or '
+     'environment block'),
+    ('CAUSE', ('electrical',), 'electrical block')])
+def test_a_cut_of_many_blocks_is_shown_as_one_and_a_tie_in_all_of_its_blocks(verdict, here, told):
+    diagnosis = make_diagnosis(verdict)
+    spans = ['drive', 'electrical', 'transducer', 'mechanical', 'environment', 'sensor']
+    diagnosis['where'].update(block='electrical', shares={'electrical': 1.0}, blocks={
+        'electrical': {'over_noise': 9.0, 'ci': [8.0, 10.0], 'from': ['command'],
+                       'to': 'displacement', 'spans': spans}})
+    validate(diagnosis)
+    cards = chain_view(diagnosis)['blocks']
+    assert [block for block in spans if cards[block]['guilty']] == sorted(here, key=spans.index)
+    assert {cards[block]['level'] for block in here} == {4}
+    assert {cards[block]['note'] for block in spans} == {'', 'in one cut with electrical'}
+    page = Page(render_report(diagnosis)).words
+    assert f'{told} ' in page and ('or here' in page) == (verdict == 'AMBIGUOUS')
+
+
+def test_a_block_that_nothing_points_to_is_said_to_be_a_guess():
+    diagnosis = make_diagnosis('UNKNOWN')
+    block = diagnosis['where']['block']
+    diagnosis['where'].update(shares={block: 1.0}, blocks={block: {
+        'over_noise': 9.0, 'from': ['command'], 'to': 'displacement', 'spans': ['drive', block]}})
+    assert f'lies in the {block} block' in verdict_sentence(diagnosis)
+    diagnosis['where']['blocks'][block]['note'] = 'nothing points to it'
+    assert (f'lies between command and displacement with 100 % of its power, perhaps in the '
+            f'{block} block') in verdict_sentence(diagnosis).replace(chr(0xa0), ' ')
 
 
 def test_a_tie_is_shown_as_a_tie():

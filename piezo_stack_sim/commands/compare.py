@@ -37,6 +37,7 @@ def _tables(result):
     from rich.table import Table
 
     from piezo_stack_sim.gap.quantities import percent, quantity, times_noise, UNITS
+    from piezo_stack_sim.gap.wording import cut
 
     gap = Table(title=f'Gap of {result["name"]}', box=box.SIMPLE_HEAD)
     for name in ('channel', 'rms', 'of the span', 'noise', 'over noise'):
@@ -51,7 +52,8 @@ def _tables(result):
         place.add_column(name, justify='left' if not name else 'right')
     where = result['where']
     for block, row in where['blocks'].items():
-        place.add_row(f'block {block}', percent(where['shares'].get(block, 0.0)),
+        of = f'blocks {cut(block, where)}, in one cut' if row.get('spans') else f'block {block}'
+        place.add_row(of, percent(where['shares'].get(block, 0.0)),
                       times_noise(row['over_noise']))
     for record, share in where['records'].items():
         place.add_row(f'recording {record}', percent(share), '')

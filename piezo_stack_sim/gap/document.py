@@ -134,6 +134,9 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     block = verdict.block or _block(verdict, fractions, singles)
     if suspect and block == 'drive' != suspect.block:
         suspect = None  # what comes first explains what follows
+    if verdict.word in UNNAMED and not (suspect or verdict.block) and (
+            'spans' in blocks.get(block, {})):
+        blocks[block]['note'] = 'nothing measured points to this block more than to others of its cut'
     return {
         'block': suspect.block if suspect else block, 'shares': fractions,
         'blocks': blocks, 'channels': channels, 'bands': where.by_band(evidence, fitter.base),

@@ -7,7 +7,7 @@ import textwrap
 from piezo_stack_sim.gap.quantities import (in_order, listing, percent, probability,
                                             quantity, times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.wording import (
-    as_sentence, blocks, next_sentence, reference_score, shrinkage_channels, tied,
+    as_sentence, blocks, cut, next_sentence, reference_score, shrinkage_channels, tied,
     verdict_sentence, VERDICTS)
 
 LINES = 25
@@ -116,7 +116,8 @@ def _where(diagnosis):
     where = diagnosis['where']
     if diagnosis['verdict'] == 'NO_GAP':
         return []
-    block, by_cuts = blocks(diagnosis), _largest(where['shares'], 3)
+    block, by_cuts = blocks(diagnosis), _largest(
+        {cut(name, where): share for name, share in where['shares'].items()}, 3)
     parts = [part for part in (
         block,
         f'by the cuts {by_cuts}' if block and by_cuts else by_cuts) if part]

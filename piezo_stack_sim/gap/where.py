@@ -220,7 +220,7 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
     Return each block's fraction of the gap's power, and its gap over the noise.
 
     ``last`` is the block that the last cut is named after, ``channels`` are the
-    measured ones.
+    measured ones.  ``spans`` tells what a cut holds beside the block that it is named after.
     """
     cuts = _quieter(cuts)
     begins = {'drive': 'command', 'charged': 'command',
@@ -231,13 +231,17 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
     ends = {'drive': 'voltage', 'charged': 'charge', 'electrical': 'charge', 'across': 'voltage',
             'behind': 'displacement'}
     named = {**CUTS, 'behind': last or 'mechanical'}
+    spanned = {'behind': spanned_last(channels),
+               'electrical': () if 'voltage' in channels else ('drive', 'electrical')}
     ports: dict[str, tuple[str, str]] = {}
+    held: dict[str, tuple[str, ...]] = {}
     power: dict[str, float] = {}
     for cut in cuts:
         for name in (name for name in CUTS if name in cut):
             wrong, noise = cut[name]
             block = named[name]
             ports[block] = begins[name], ends[name]
+            held[block] = spanned.get(name, ())
             square = float(np.mean(wrong ** 2))
             power[block] = power.get(block, 0.0) + max(square - (LOUD * noise) ** 2, 0.0)
     fractions = _fractions(power)
@@ -245,7 +249,8 @@ def shares(cuts: list[dict], last: str | None, channels: Collection[str]) -> tup
     for block, (ratio, independent) in _over_noise(cuts, named).items():
         half = 1.96 * ratio / math.sqrt(2.0 * max(independent, 2.0))
         blocks[block] = {'over_noise': ratio, 'ci': [max(ratio - half, 0.0), ratio + half],
-                         'from': [ports[block][0]], 'to': ports[block][1]}
+                         'from': [ports[block][0]], 'to': ports[block][1],
+                         **({'spans': list(held[block])} if held[block] else {})}
     return fractions, blocks
 
 

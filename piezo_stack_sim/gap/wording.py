@@ -127,14 +127,26 @@ def lead_channel(diagnosis):
 
 
 def blocks(diagnosis):
-    """Return the block of the gap, or those of all the effects that together cause it, or ''."""
-    named = [diagnosis['where']['block']]
-    if diagnosis['verdict'] == 'MULTIPLE':
-        lives = {cause['effect']: cause['block'] for cause in diagnosis['causes']}
-        named = list(dict.fromkeys(
-            lives[effect] for group in alternatives(diagnosis) for effect in group
-            if effect in lives)) or named
-    return f'{listing(named)} block{"s" * (len(named) > 1)}' if named[0] else ''
+    """Return the block of the gap, or those in question, in words, or ''."""
+    named = blocks_in_question(diagnosis)
+    if diagnosis['verdict'] == 'AMBIGUOUS':
+        return f'{listing(named, "or")} block' if named else ''
+    return f'{listing(named)} block{"s" * (len(named) > 1)}' if named else ''
+
+
+def blocks_in_question(diagnosis):
+    """Return the block of the gap, or those of all effects that together cause it, or may."""
+    named = [diagnosis['where']['block']] if diagnosis['where']['block'] else []
+    effects = {'MULTIPLE': [effect for group in alternatives(diagnosis) for effect in group],
+               'AMBIGUOUS': diagnosis['ambiguity_set']}.get(diagnosis['verdict'], [])
+    lives = {cause['effect']: cause['block'] for cause in diagnosis['causes']}
+    return list(dict.fromkeys(lives[effect] for effect in effects if effect in lives)) or named
+
+
+def cut(block, where):
+    """Return what was cut out with a block: itself, or all from one block to another."""
+    spans = where.get('blocks', {}).get(block, {}).get('spans')
+    return f'{spans[0]} to {spans[-1]}' if spans else block
 
 
 def shrinkage_channels(diagnosis):
@@ -259,7 +271,12 @@ def _lies(diagnosis):
         share = where['shares'].get(where['block'])
         most = share and share == max(where['shares'].values())
         power = f' with {percent(share)} of its power' if most else ''
-        parts.append(f'lies in the {where["block"]} block{power}')
+        own = where.get('blocks', {}).get(where['block'], {})
+        if own.get('spans') and own.get('note'):
+            parts.append(f'lies between {words(own["from"][0])} and {words(own["to"])}{power}, '
+                         f'perhaps in the {where["block"]} block')
+        else:
+            parts.append(f'lies in the {where["block"]} block{power}')
     if channel and diagnosis['gap'][channel]['over_noise'] is not None:
         ratio = times_noise(diagnosis['gap'][channel]['over_noise'])
         parts.append(f'is {ratio} times the noise in {words(channel)}')

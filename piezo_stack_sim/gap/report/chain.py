@@ -5,6 +5,7 @@
 from piezo_stack_sim.gap.quantities import (in_order, interval, percent, quantity,
                                             times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.schema import BLOCKS
+from piezo_stack_sim.gap.wording import blocks_in_question
 
 # What flows into each block of the chain; the environment acts on the mechanical block from below
 INPUTS = {'drive': 'command', 'electrical': 'voltage', 'transducer': 'charge',
@@ -33,17 +34,23 @@ def chain_view(diagnosis):
 
 def _block(block, diagnosis):
     where = diagnosis['where']
-    share = where['shares'].get(block)
-    own = where.get('blocks', {}).get(block, {})
+    cuts, named = where.get('blocks', {}), where['block']
+    own = cuts.get(block, {})
+    # A tie of effects in several blocks of one cut lies in any of them.
+    tied = (block not in cuts and block in cuts.get(named, {}).get('spans', ())
+            and block in blocks_in_question(diagnosis))
+    share = where['shares'].get(named if tied else block)
     level = 0 if diagnosis['verdict'] == 'NO_GAP' else sum((share or 0.0) >= s for s in STEPS)
+    note = own.get('note') or next((f'in one cut with {other}' for other, row in cuts.items()
+                                    if block not in cuts and block in row.get('spans', ())), '')
     paths = ''
     if own.get('from') and own.get('to'):
         paths = f'{", ".join(map(words, own["from"]))} → {words(own["to"])}'
     return {
-        'level': level, 'guilty': where['block'] == block, 'input': INPUTS[block],
-        'share': None if share is None else percent(share),
+        'level': level, 'guilty': tied or named == block, 'input': INPUTS[block],
+        'share': None if share is None or tied else percent(share), 'tied': tied,
         'ratio': times_noise(own.get('over_noise')) if own.get('over_noise') is not None else None,
-        'ci': interval(own.get('ci')), 'paths': paths, 'note': own.get('note', ''),
+        'ci': interval(own.get('ci')), 'paths': paths, 'note': note,
     }
 
 
