@@ -136,7 +136,7 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
         suspect = None  # what comes first explains what follows
     if verdict.word in UNNAMED and not (suspect or verdict.block) and (
             'spans' in blocks.get(block, {})):
-        blocks[block]['note'] = 'nothing measured points to this block more than to others of its cut'
+        blocks[block]['note'] = 'nothing measured points to this block rather than its neighbours'
     return {
         'block': suspect.block if suspect else block, 'shares': fractions,
         'blocks': blocks, 'channels': channels, 'bands': where.by_band(evidence, fitter.base),
