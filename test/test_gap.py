@@ -27,6 +27,7 @@ from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet
 import pytest
+from scipy import signal
 
 NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
 
@@ -451,8 +452,26 @@ def test_bursts_that_ring_are_knocks_else_readings_stick(
     simulated = simulate_set(device, recordings)
     evidence = prepare(recordings, simulated)
     cuts = block_residuals(device, evidence, simulated)
-    suspect = suspect_bursts(cuts, Course.of(evidence, simulated, cuts))
+    suspect = suspect_bursts(evidence.tracks, cuts, Course.of(evidence, simulated, cuts))
     assert (suspect and suspect.block) == block
+
+
+@pytest.mark.parametrize('frequency', [600.0, 1500.0])
+@pytest.mark.parametrize('channels', [('displacement',), ('voltage', 'charge', 'displacement')])
+def test_what_rings_whenever_the_command_turns_is_no_knock(device, channels, frequency):
+    def rings(each):
+        omega = 2.0 * np.pi * frequency
+        mode = signal.bilinear([0.3, 0.0, 0.0], [1.0, omega / 20.0, omega ** 2],
+                               1.0 / each.period)
+        return signal.lfilter(*mode, 1.3e-7 * (each.command - each.command[0]))
+
+    recordings = [each.replace(measured=each.measured | {
+        'displacement': each.measured['displacement'] + rings(each)})
+        for each in a_set(device, channels).recordings]
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    cuts = block_residuals(device, evidence, simulated)
+    assert suspect_bursts(evidence.tracks, cuts, Course.of(evidence, simulated, cuts)) is None
 
 
 def faint_jumps(time, x):

@@ -106,7 +106,7 @@ def test_readings_noisier_at_times_are_told_from_readings_that_stick():
     recordings, simulated = recorded(at_the_top)
     evidence = prepare(recordings, simulated)
     cuts = block_residuals(Device.nominal(), evidence, simulated)
-    suspect = suspect_bursts(cuts, Course.of(evidence, simulated, cuts))
+    suspect = suspect_bursts(evidence.tracks, cuts, Course.of(evidence, simulated, cuts))
     assert suspect.block == 'sensor' and 'noisier at some times' in suspect.reason
 
 

@@ -5,7 +5,8 @@ What the course of the displacement tells of the block, whatever the cause: burs
 
 Somebody knocks on the table, and what holds the sensor rings.  No command calls for it:
 it comes in bursts, which nothing does that goes with the motion, and swings through zero
-in each, which no reading does that jumps or sticks.  A reading that jumps between two levels, at
+in each, which no reading does that jumps or sticks.  What rings whenever the command
+changes is no knock: a linear answer to the inputs tells it.  A reading that jumps between two levels, at
 times of its own, stays at each: a drift or a vibration leaves a fifth and more of itself beside
 any two levels.
 """
@@ -16,7 +17,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import Suspect
+from piezo_stack_sim.gap.blackbox import predict
+from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import Course, LOUD, STEADILY, suspect_play
+from piezo_stack_sim.gap.evidence import Track
 from scipy import signal, stats
 
 RINGS = -0.4  # least autocorrelation of what swings through zero
@@ -26,6 +30,8 @@ ALIKE = 0.2  # autocorrelation, from row to row, of a reading that sticks
 JUMP = 12.0  # nats that a jump from level to level must bring: one in a hundred thousand rows
 TURNS = 6  # times that levels and jumps are asked in turn
 LEVELS = 0.13  # part of the gap that two levels may leave
+RINGING = 300  # averaged rows after a change of an input that may ring because of it
+CALLED = 0.5  # part of a gap that is called for if its inputs tell as much
 
 _KNOCKED = Suspect('environment', 'the displacement rings in bursts that no command calls for, as '
                    'of knocks on the table')
@@ -37,22 +43,25 @@ _JUMPS = Suspect('sensor', 'the displacement is wrong by one of two levels, betw
                  'reading jumps at times of its own')
 
 
-def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | None:
+def suspect_bursts(tracks: Sequence[Track], cuts: Sequence[dict], course: Course | None
+                   ) -> Suspect | None:
     """
     Return the environment if the displacement rings in bursts, the sensor if it jumps, or None.
 
-    The sensor, too, if it is noisier at times.
+    The sensor, too, if it is noisier at times.  None if that is what a change of an input makes.
 
     Parameters
     ----------
+    tracks : sequence of Track
+        The recordings.
     cuts : sequence of dict
         Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`.
     course : Course or None
         Of the displacement, of all tracks.
 
     """
-    weights, dips, peaks, nexts = [], [], [], []
-    for cut in cuts:
+    weights, dips, peaks, nexts, asked = [], [], [], [], []
+    for track, cut in zip(tracks, cuts):
         wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
         if wrong.size < 16:
             continue
@@ -67,10 +76,14 @@ def suspect_bursts(cuts: Sequence[dict], course: Course | None) -> Suspect | Non
         # What the bursts have of it: of a sum of independent parts the cumulants add up.
         peaks.append((float(stats.kurtosis(gap, fisher=True)) * (1.0 + loud) ** 2
                       ) / loud ** 2 + 3.0)
+        asked.append((track, gap))
     if not weights:
         return None
     if np.average(dips, weights=weights) < RINGS:
-        return _KNOCKED if np.average(peaks, weights=weights) > BURSTS else None
+        if np.average(peaks, weights=weights) < BURSTS:
+            return None
+        whole, left = np.sum(parallel(lambda pair: _uncalled(*pair), asked), axis=0)
+        return _KNOCKED if left > (1.0 - CALLED) * whole else None
     # Not where the motion tells it; a step is a burst of its own, but most recordings never rest.
     untold = course is not None and (course.gap < LOUD or course.history > UNTOLD)
     if not untold or np.median(peaks) < BURSTS:
@@ -104,6 +117,23 @@ def suspect_jumps(cuts: Sequence[dict], course: Course | None) -> Suspect | None
         rest = gap - _two_levels(gap)
         left += max(float(rest @ rest) - gap.size, 0.0)
     return _JUMPS if left < min(LEVELS, 0.5 * course.history) * loud else None
+
+
+def _uncalled(track: Track, gap: np.ndarray) -> np.ndarray:
+    """
+    Return the power of a gap (m,) on withheld rows, and what a linear answer to the inputs leaves.
+
+    Both beyond that of the noise, which is one.
+    """
+    recording = track.recording
+    changes = [np.diff(each, prepend=each[0]) for each in map(
+        track.average, (recording.command, recording.external_force)) if np.ptp(each) > 0.0]
+    rows = min(RINGING, gap.size // 8)
+    answers = np.column_stack([np.concatenate([np.zeros(late), change[:change.size - late]])
+                               for change in changes for late in range(rows)] or [gap * 0.0])
+    told = predict(answers, gap, track.fitted)
+    return np.array([max(float(np.sum(each[~track.fitted] ** 2 - 1.0)), 0.0)
+                     for each in (gap, gap - told)])
 
 
 def _two_levels(gap: np.ndarray) -> np.ndarray:

@@ -116,7 +116,8 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
         suspect = (suspect_steps(tuned, evidence, cuts) or suspect_clock(course)
                    or suspect_filter(evidence, simulated, cuts)
                    or suspect_pitch(course, felt is NOT_FELT)
-                   or suspect_bursts(cuts, course) or suspect_jumps(cuts, course)
+                   or suspect_bursts(evidence.tracks, cuts, course)
+                   or suspect_jumps(cuts, course)
                    or felt)
         if suspect is NOT_FELT:
             suspect = suspect_play(course) or suspect
