@@ -185,6 +185,17 @@ def test_an_offset_that_warms_up_is_no_remanence_and_no_drift(device, channels):
     assert answer['verdict'] == 'UNKNOWN' and answer['where']['block'] == 'drive'
 
 
+def test_a_driver_that_stops_at_no_current_is_no_recorder_that_starts_late(device):
+    """It makes a loop that a lag can imitate, another one in every recording, but not well."""
+    def crosses_over(programme):
+        current = np.gradient(programme.command, programme.period)
+        return programme.command - 0.3 * np.tanh(current / 200.0)
+
+    fitter, nominal = fitter_of(device, a_set(device, ('displacement',), played=crosses_over))
+    met = meet(fitter, nominal)
+    assert 'late by another time' not in met.suspect.reason or met.cost > 0.9 * nominal.cost
+
+
 def test_a_drift_of_the_displacement_alone_is_not_called_the_drivers(device):
     drifts = device.with_effects({'thermal_drift': EFFECTS['thermal_drift'].typical()})
     fitter, nominal = fitter_of(device, a_set(drifts, ('displacement',)))

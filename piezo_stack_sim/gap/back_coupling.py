@@ -111,6 +111,25 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
     return _LED if driven and driver < STEADY and share - 2.0 * error > LEADS else None
 
 
+def is_behind(cuts: Sequence[dict]) -> bool:
+    """
+    Tell whether what is wrong is known to lie behind the charge, or without that the terminals.
+
+    Parameters
+    ----------
+    cuts : sequence of dict
+        Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`.
+
+    """
+    charged = [cut for cut in cuts if {'electrical', 'behind'} <= set(cut)]
+    if not charged:
+        return any({'drive', 'behind'} <= set(cut) for cut in cuts)
+    before, after = (sum(float(wrong @ wrong) - wrong.size * noise ** 2
+                         for wrong, noise in (cut[name] for cut in charged))
+                     for name in ('electrical', 'behind'))
+    return after > before
+
+
 def ratio_of_sums(parts: np.ndarray) -> tuple[float, float]:
     """Return a ratio of sums, and its error by leaving out one row of (n, 2) at a time."""
     total = parts.sum(axis=0)

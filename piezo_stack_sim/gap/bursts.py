@@ -5,8 +5,8 @@ What the course of the displacement tells of the block, whatever the cause: burs
 
 Somebody knocks on the table, and what holds the sensor rings.  No command calls for it:
 it comes in bursts, which nothing does that goes with the motion, and swings through zero
-in each, which no reading does that jumps or sticks.  What rings whenever the command
-changes is no knock: a linear answer to the inputs tells it.  A reading that jumps between two levels, at
+in each, which no reading does that jumps or sticks.  What rings whenever the command changes
+is no knock: a linear answer to the inputs tells it.  A reading that jumps between two levels, at
 times of its own, stays at each: a drift or a vibration leaves a fifth and more of itself beside
 any two levels.
 """

@@ -19,7 +19,7 @@ from functools import cached_property
 
 from numba import njit
 import numpy as np
-from piezo_stack_sim.gap.back_coupling import Suspect
+from piezo_stack_sim.gap.back_coupling import is_behind, Suspect
 from piezo_stack_sim.gap.blackbox import lagged, predict
 from piezo_stack_sim.gap.evidence import Evidence, Track
 
@@ -170,9 +170,14 @@ def speaks_for_clock(course: Course | None) -> Suspect | None:
     return CLOCK if course.left(course.plain, course.clock) < REST * course.history else None
 
 
-def suspect_heat(course: Course | None) -> Suspect | None:
-    """Return the transducer if the displacement is wrong as the stack heats itself, or None."""
-    if course is None or course.gap < HEARD or course.history < WITHOUT:
+def suspect_heat(course: Course | None, cuts: Sequence[dict]) -> Suspect | None:
+    """
+    Return the transducer if the displacement is wrong as the stack heats itself, or None.
+
+    A driver that sags under current does the same to a displacement: what comes before the
+    transducer must be known to be right.
+    """
+    if not is_behind(cuts) or course is None or course.gap < HEARD or course.history < WITHOUT:
         return None
     left = course.left(course.plain, course.heat)
     return HEATED if left < ADDS * min(course.history, 1.0) else None

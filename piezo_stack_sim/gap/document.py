@@ -124,7 +124,7 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
         elif suspect is OTHER_RATIO and is_plain(course):
             suspect = None  # a reading that the voltage leaks into does the same
         else:
-            suspect = suspect or suspect_heat(course) or suspect_charge(fitter, cuts)
+            suspect = suspect or suspect_heat(course, cuts) or suspect_charge(fitter, cuts)
     last = where.last_cut(verdict.selected, singles[0].name, evidence.channels)
     if suspect and suspect.block in where.spanned_last(evidence.channels):
         last = suspect.block

@@ -49,6 +49,7 @@ MOST = 400e3  # of them in a recording
 LIKE_IT = 0.1  # squared correlation of what is wrong with what a mean of two samples would do
 TELLS = 100.0  # by which the squares of a recording are less that tells how late it is
 DIFFER = 0.5  # part of the largest delay by which those of recordings differ that started anyhow
+WHOLLY = 0.1  # part of their gap that being late may leave of these: hysteresis leaves a third
 LATEST = 0.02  # s that a recording may start late or early
 STEPS = np.unique(np.round(np.concatenate([
     np.arange(-20.0, 21.0), -np.geomspace(20.0, 400.0, 30), np.geomspace(20.0, 400.0, 30)])))
@@ -193,7 +194,7 @@ def _each_late(device, evidence, outputs, most):
     # Each recording by what fits it best: nothing of the device differs between them.
     def one(track, answer):
         if 'displacement' not in track.measured:
-            return 0.0, False
+            return 0.0, 0.0, 0.0
         time = _since(track)
 
         def left(late):
@@ -206,15 +207,18 @@ def _each_late(device, evidence, outputs, most):
         best = grid[int(np.argmin([left(late) for late in grid]))]
         late = float(minimize_scalar(left, bounds=(
             best - track.recording.period, best + track.recording.period), method='bounded').x)
-        return late, left(0.0) - left(late) > TELLS
+        noise = track.measured['displacement'].size
+        return late, left(0.0) - noise, left(late) - noise
 
     found = parallel(lambda pair: one(*pair), zip(evidence.tracks, outputs))
-    told = [late for late, tells in found if tells]
-    if len(told) < 2 or max(told) - min(told) < DIFFER * max(map(abs, told)):
+    told, before, after = np.array([one for one in found if one[1] - one[2] > TELLS] or [
+        (0.0, 0.0, 0.0)]).T
+    if (len(told) < 2 or np.ptp(told) < DIFFER * np.abs(told).max()
+            or after.sum() > WHOLLY * before.sum()):
         return outputs  # a delay, of the form of which another does not make as many
     return [{**answer, 'displacement': np.interp(
         _since(track) - late, _since(track), answer['displacement'])}
-            for track, answer, (late, _) in zip(evidence.tracks, outputs, found)]
+            for track, answer, (late, *_) in zip(evidence.tracks, outputs, found)]
 
 
 def _row_means(device, evidence, outputs, averaged):
