@@ -474,6 +474,25 @@ def test_what_rings_whenever_the_command_turns_is_no_knock(device, channels, fre
     assert suspect_bursts(evidence.tracks, cuts, Course.of(evidence, simulated, cuts)) is None
 
 
+def test_what_comes_in_bursts_with_its_charge_is_no_knock(device):
+    """A driver hums as loud as its command is high."""
+    given = [programmes.triangle(), programmes.decay(), programmes.steps(),
+             programmes.multisine(), programmes.force()]
+    recordings = []
+    for seed, each in enumerate(given):
+        hum = 1e-3 * each.command * np.sin(2.0 * np.pi * 33.0 * each.time)
+        recordings.append(each.replace(measured=measure(
+            device, each.replace(command=each.command + hum), ('charge', 'displacement'), seed
+        ).measured))
+    evidence = prepare(recordings, simulate_set(device, recordings))
+    fitter = Fitter(device, evidence)
+    fitter.prepare(parallel)
+    tuned = fitter.device_with({}, fitter.fit({}).phi)
+    simulated = simulate_set(tuned, recordings)
+    cuts = block_residuals(tuned, evidence, simulated)
+    assert suspect_bursts(evidence.tracks, cuts, Course.of(evidence, simulated, cuts)) is None
+
+
 def faint_jumps(time, x):
     """Return a displacement that is read at two levels, no further apart than its noise."""
     return x + 0.06 * (jumps(time, x) - x)

@@ -121,13 +121,29 @@ def is_behind(cuts: Sequence[dict]) -> bool:
         Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`.
 
     """
-    charged = [cut for cut in cuts if {'electrical', 'behind'} <= set(cut)]
-    if not charged:
-        return any({'drive', 'behind'} <= set(cut) for cut in cuts)
-    before, after = (sum(float(wrong @ wrong) - wrong.size * noise ** 2
-                         for wrong, noise in (cut[name] for cut in charged))
-                     for name in ('electrical', 'behind'))
-    return after > before
+    return not is_led(cuts) and any(
+        {'behind', name} <= set(cut) for cut in cuts for name in ('electrical', 'drive'))
+
+
+def is_led(cuts: Sequence[dict]) -> bool:
+    """
+    Tell whether more is known to be wrong with the charge than behind it.
+
+    Parameters
+    ----------
+    cuts : sequence of dict
+        Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`.
+
+    """
+    powers = np.zeros(3)
+    for cut in cuts:
+        if {'electrical', 'behind'} <= set(cut):
+            (charge, quiet), (behind, between) = cut['electrical'], cut['behind']
+            powers += charge.size * np.array([
+                np.mean(charge ** 2) - quiet ** 2, np.mean(behind ** 2) - between ** 2,
+                quiet ** 2])
+    before, after, noise = powers
+    return bool(before > max(after, (STANDS_OUT ** 2) * noise))
 
 
 def ratio_of_sums(parts: np.ndarray) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from piezo_stack_sim.gap.back_coupling import Suspect
+from piezo_stack_sim.gap.back_coupling import is_led, Suspect
 from piezo_stack_sim.gap.blackbox import predict
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import Course, LOUD, STEADILY, suspect_play
@@ -48,7 +48,8 @@ def suspect_bursts(tracks: Sequence[Track], cuts: Sequence[dict], course: Course
     """
     Return the environment if the displacement rings in bursts, the sensor if it jumps, or None.
 
-    The sensor, too, if it is noisier at times.  None if that is what a change of an input makes.
+    The sensor, too, if it is noisier at times.  None if that is what a change of an input makes,
+    or a charge that is wrong.
 
     Parameters
     ----------
@@ -60,6 +61,8 @@ def suspect_bursts(tracks: Sequence[Track], cuts: Sequence[dict], course: Course
         Of the displacement, of all tracks.
 
     """
+    if is_led(cuts):
+        return None
     weights, dips, peaks, nexts, asked = [], [], [], [], []
     for track, cut in zip(tracks, cuts):
         wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
