@@ -135,6 +135,53 @@ def warms_up(programme):
     return programme.command + 0.08 * programme.time / (programme.time + 2.0)
 
 
+def reads_by(channel, factor=1.0, lag=None):
+    """Return what makes of a channel what its amplifier reads."""
+    def spoil(device, programme, clean):
+        values = factor * clean[channel]
+        if lag is not None:
+            decay = np.exp(-programme.period / lag)
+            start = values[0]
+            values = start + signal.lfilter([1.0 - decay], [1.0, -decay], values - start)
+        return {channel: values}
+
+    return spoil
+
+
+@pytest.mark.parametrize('channel, factor, lag, says', [
+    ('charge', 1.05, None, 'reads about 5.0 % too much'),
+    ('charge', 0.96, None, 'reads about 4.0 % too little'),
+    ('charge', 1.0, 2e-3, 'has a lag of about 2.0 ms'),
+    ('voltage', 1.03, None, 'reads about 3.0 % too much'),
+    ('voltage', 1.0, 5e-4, 'has a lag of about 500 µs')])
+def test_a_reading_that_is_wrong_alone_is_known_by_how_much(device, channel, factor, lag, says):
+    fitter, nominal = fitter_of(device, a_set(device, spoil=reads_by(channel, factor, lag)))
+    met = meet(fitter, nominal)
+    assert met.suspect.block == 'sensor' and channel in met.suspect.reason
+    assert met.reads_voltage == (channel == 'voltage')
+    assert says in met.suspect.reason
+    assert np.mean(met.residual ** 2) - 1.0 < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('channel, channels', [
+    ('charge', ALL), ('charge', ('charge', 'displacement')), ('voltage', ALL)])
+def test_no_two_effects_are_found_for_a_reading_with_another_gain(device, channel, channels):
+    """They would have to cancel in the displacement, which is right."""
+    answer = diagnose_set(a_set(device, channels, reads_by(channel, 1.04)), device,
+                          traces=False).document
+    assert answer['verdict'] == 'UNKNOWN' and answer['where']['block'] == 'sensor'
+    assert f'the {channel} is wrong by a factor' in answer['reason']
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('effect', ['amplifier_gain', 'amplifier_bandwidth', 'leakage'])
+def test_what_is_wrong_and_followed_is_no_wrong_reading(device, effect):
+    recordings = a_set(device.with_effects({effect: EFFECTS[effect].typical()}))
+    answer = diagnose_set(recordings, device, traces=False).document
+    assert answer['selected'] == [effect]
+
+
 @pytest.mark.parametrize('spoil, played, channels, block', [
     (runs_slow, None, ('displacement',), 'sensor'), (has_play, None, ALL, 'mechanical'),
     (leaks, None, ALL, 'sensor'), (forgets, None, ALL, 'sensor'),

@@ -40,4 +40,5 @@ EFFECT = Effect(
         Parameter('exponent', '1', 1.0, 1.0, 2.0, 1.0, 'power of the indentation', magnitude=False,
                   default=1.0, runtime=False, tries=(1.5,)),
     ),
-    apply, channels=('charge', 'displacement'), becomes='parallel_stiffness')
+    apply, channels=('charge', 'displacement'), becomes='parallel_stiffness',
+    form_like=('stiffness_hardening',))

@@ -32,4 +32,4 @@ EFFECT = Effect(
         Parameter('cubic', '1', 0.0, -0.2, 1.0, 0.1,
                   'relative change of stiffness at full stroke, even in position'),
     ),
-    apply, channels=('charge', 'displacement'))
+    apply, channels=('charge', 'displacement'), form_like=('contact',))

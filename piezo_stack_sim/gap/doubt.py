@@ -18,8 +18,8 @@ from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import simulate_channels
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
-from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.strangers import meet
+from piezo_stack_sim.gap.score import channel_power, Judge
+from piezo_stack_sim.gap.strangers import meet, Met
 from piezo_stack_sim.gap.verdict import OF_ALL, Verdict
 from piezo_stack_sim.gap.where import block_residuals, is_driver_loudest
 
@@ -30,6 +30,7 @@ _PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it:
 TOLD = 0.6  # part of a gap, all tracks alike or by its power, that a stranger must explain
 LEFT = 0.6  # part of what a cause leaves that one may leave who takes its place
 WORTH = 0.03  # part of the gap that a cause must leave to be asked at all
+SPOILT = 6.0  # times the power that a channel had, or its noise, that no cause leaves it
 SURER = 10.0  # nats by which a stranger must be better than a cause
 
 
@@ -41,7 +42,8 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     Where something that the library lacks leaves clearly less, that is why (gap/strangers.py).  A
     clock that runs fast is late by ever more: in recordings that are alike long, much of that
     is what a lag does.  What a lag leaves of it no lag does.  A part that has play stops where
-    one that rubs does, but the stack does not feel it: the charge tells.
+    one that rubs does, but the stack does not feel it: the charge tells.  And what explains one
+    channel by making another wrong that was right, explains nothing.
 
     Parameters
     ----------
@@ -57,13 +59,18 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     """
     verdict, best = decision.verdict, decision.singles[0]
     stranger = _stranger(fitter, search, decision)
-    if stranger is not None and stranger.block != 'drive' and is_driver_loudest(
-            _course(fitter, search.nominal)[0]):
-        stranger = None  # what is wrong at the terminals is not explained by what lies behind
-    if stranger is not None:
+    # What is wrong at the terminals is not explained by what lies behind.
+    if stranger is not None and (
+            stranger.suspect.block == 'drive' or stranger.reads_voltage
+            or not is_driver_loudest(_course(fitter, search.nominal)[0])):
         known = f'{_known(best)}, but ' if best.removed > 0.0 else ''
-        return _unknown(decision, stranger, thresholds,
+        return _unknown(decision, stranger.suspect, thresholds,
                         known if verdict.block is None else f'{verdict.reason}: ')
+    worse = _spoilt(search, decision)
+    if worse:
+        causes = ' and '.join(map(words, verdict.selected))
+        return _unknown(decision, Suspect('', f'{causes} would make the {worse} worse than it is '
+                                          'without, so that it is something else'), thresholds)
     named = next((one for one in decision.singles if (one.name,) == verdict.selected), None)
     if verdict.word == 'UNKNOWN' and verdict.block is None and best.removed > thresholds.half:
         named = best
@@ -89,7 +96,7 @@ def _known(best: Ranked) -> str:
     return f'{words(best.name)} removes {100.0 * best.removed:.0f} % {OF_ALL}'
 
 
-def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Suspect | None:
+def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Met | None:
     """Return what the library lacks and leaves clearly less than all of it, or None."""
     verdict, judge, removable = decision.verdict, decision.judge, decision.removable
     if verdict.word == 'NO_GAP':
@@ -101,7 +108,7 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Suspect | N
         return max(removable.share(residual), 1.0 - left)
 
     known = decision.chosen(search).residual if verdict.selected else nominal
-    if 1.0 - explained(judge, known) < WORTH:
+    if 1.0 - explained(judge, known) < WORTH and not _spoilt(search, decision):
         return None
     met = meet(fitter, search.nominal)
     if met is None or verdict.block not in (None, met.suspect.block):
@@ -111,7 +118,19 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Suspect | N
     if left > 1.0 - TOLD or left > LEFT * (1.0 - explained(judge, known)) or (
             judge.score(met.residual) < judge.score(known) + SURER):
         return None
-    return met.suspect
+    return met
+
+
+def _spoilt(search: Search, decision: Decision) -> str:
+    """Return the channel that what was selected makes much worse, '' if none."""
+    if not decision.verdict.selected:
+        return ''
+    removable = decision.removable
+    after = channel_power(removable.evidence, decision.chosen(search).residual)
+    times = {channel: power / max(removable.base[channel], removable.noise[channel])
+             for channel, power in after.items()}
+    worst = max(times, key=lambda channel: times[channel])
+    return worst if times[worst] > SPOILT else ''
 
 
 def _unknown(decision: Decision, suspect: Suspect, thresholds: Thresholds, beside: str = ''
@@ -119,7 +138,7 @@ def _unknown(decision: Decision, suspect: Suspect, thresholds: Thresholds, besid
     """Return the decision that something else is to blame than the library has."""
     sure = thresholds.unknown
     return replace(decision, verdict=Verdict(
-        'UNKNOWN', (), (), beside + suspect.reason, sure, 1.0 - sure, suspect.block))
+        'UNKNOWN', (), (), beside + suspect.reason, sure, 1.0 - sure, suspect.block or None))
 
 
 def _course(fitter: Fitter, fit: Fit) -> tuple[list[dict], Course | None]:

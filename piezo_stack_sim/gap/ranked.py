@@ -56,6 +56,7 @@ class Thresholds:
     nearly_all: float = 0.75  # or else the part that it explains to the noise
     tenth: float = 0.1  # where it leaves this part of the loudest excess
     twentieth: float = 0.05  # or else part of what one leaves of the gap that two may leave
+    unmistaken: float = 0.05  # error of the form of a second whose form is known when it is seen
     far: float = 4.0  # times the nats of ``formed`` that errors of form must then excuse less
     hushes: float = 0.01  # part of the loudest excess that it may leave, if not the noise
     halves: float = 0.45  # part of what one leaves that is less than half, however that is judged
@@ -65,6 +66,7 @@ class Thresholds:
     as_likely: float = 0.1  # probability, against the best pair, from which a pair ties with it
     alike_pair: float = 0.08  # part of what pairs explain by which the form may mislead
     shade: float = 0.5  # part of what a relative of the first leaves above which a pair is like it
+    nearly: float = 0.8  # part of what a second explains that a relative explains about as much
     certain: float = 0.99  # part removed by one effect from which it stands for no other
     leftover: float = 0.25  # excess over the noise power that sets out for a second effect
     cover: float = 0.9  # probability that the ambiguity set is to hold

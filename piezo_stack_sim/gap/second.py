@@ -102,7 +102,8 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     loud, nor to a hundredth where that is far from it, nor most of what is left where the first
     hardly acts.  Unless it is known to be just what that form misses.  What explains nearly all
     that stood out of the noise, and leaves no more than that, needs fewer nats; what leaves a
-    twentieth of the gap, and is far more than an error of form, need not reach the noise.
+    twentieth of the gap, and is far more than an error of form, need not reach the noise.  Nor
+    does what explains more than half of what is left, in many nats, by the very form it has.
     """
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.excused < pair.form < math.inf
@@ -113,6 +114,10 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
         return False
     if (pair.excess < min(t.heard, t.tenth * best.excess) and pair.part > t.nearly_all
             and min(pair.second, 0.5 * pair.over) > t.second):
+        return True
+    if (pair.part > t.mended_part and min(pair.second, pair.over) > t.formed
+            and pair.wrong < t.unmistaken
+            and 1.0 - pair.removed < t.halves * (1.0 - best.removed)):
         return True
     if pair.form < t.formed:
         return False
@@ -218,6 +223,8 @@ def are_relatives(best: Ranked, pair: Ranked, kin: Collection[frozenset[str]]) -
 def is_relative(first: str, pair: str, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether the two of a pair resemble each other, or one the form of a first."""
     names = frozenset(pair.split('+'))
+    if first not in names and all(frozenset((first, name)) in kin for name in names):
+        return True  # together they only mend the form of what resembles both
     return names in kin or first in names and not names.isdisjoint(EFFECTS[first].form_like)
 
 
@@ -228,13 +235,26 @@ def is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Threshol
 
     That one only fills in what the form of the first misses: so does this, unless together with
     the first it leaves far less, all in all or of the recording left loudest.  The same where
-    another mends that form.
+    another mends that form, and where the relative explains about as much and leaves less.
     """
+    def outshines(other):
+        return other.second > pair.second or (
+            other.second > t.nearly * pair.second and other.gain > pair.gain
+            and other.removed > pair.removed)
+
     if pair.beside is not None:
         return any(other.beside is not None and other.second > pair.second
                    and are_relatives(best, other, kin) for other in pairs)
     return best.name in pair.name.split('+') and any(
         best.name in other.name.split('+') and are_relatives(best, other, kin)
-        and other.second > pair.second and not counts(best, other, t, kin)
+        and outshines(other) and not counts(best, other, t, kin)
         and pair.left > t.shade * other.left and pair.excess >= t.halves * other.excess
         for other in pairs if other is not pair)
+
+
+def is_outshone(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Thresholds,
+                kin: Collection[frozenset[str]]) -> bool:
+    """Tell whether a relative of the first does about as much for its form, and leaves less."""
+    return any(best.name in other.name.split('+') and are_relatives(best, other, kin)
+               and t.nearly * pair.form < other.form < math.inf
+               and other.gain > pair.gain and other.removed > pair.removed for other in pairs)

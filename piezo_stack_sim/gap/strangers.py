@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from piezo_stack_sim.gap.course import CLOCK, HEATED, play
 from piezo_stack_sim.gap.evidence import Evidence, Track
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import residuals_of, simulate_channels, simulate_set
+from piezo_stack_sim.gap.quantities import quantity, significant
 from piezo_stack_sim.plant import Device
 from scipy.optimize import lsq_linear, minimize_scalar
 
@@ -43,6 +45,8 @@ ON, OFF = np.linspace(0.3, 0.95, 14), np.linspace(0.02, 0.6, 13)  # of the highe
 BETWEEN = np.linspace(-0.04, 0.04, 5)  # of what was best of these, then
 LEAKED = 1e-9  # m/V, that leaks into the reading to see what it does
 RELAYED = 1e-7  # C, that a relay lets in to see what it does
+MISREAD = 0.01  # part by which a reading is another to see what that does
+READ_LATE = np.geomspace(3e-5, 3e-2, 16)  # s
 AVERAGED = (('displacement',), ('voltage', 'charge', 'displacement'))
 FINE, PARTS = 8e-6, (8, 64)  # s, and into how many parts a row is cut of which the mean is taken
 MOST = 400e3  # of them in a recording
@@ -65,7 +69,9 @@ class Stranger:
 
     ``needs`` are the channels with which it can be told, one set or another, ``sizes`` yields what
     may be chosen, ``put`` puts one on the outputs of a device.  ``any_scale`` tells that every
-    multiple of what it makes of the outputs counts, ``near`` yields what lies about a size.
+    multiple of what it makes of the outputs counts, ``near`` yields what lies about a size,
+    ``smooth`` that a size is a number between the neighbours of which the best can be looked for,
+    ``says`` says in words how much a size, taken so many times, is.
     """
 
     suspect: Suspect
@@ -74,15 +80,22 @@ class Stranger:
     put: Callable[[Device, Evidence, Outputs, Any], Outputs]
     any_scale: bool = False
     near: Callable[[Any], Iterable] = field(default=lambda size: (size,))
+    smooth: bool = False
+    says: Callable[[Any, float], str] = field(default=lambda size, scale: '')
 
 
 @dataclass(frozen=True)
 class Met:
-    """A stranger where it leaves least: ``residual`` (N,) is what it leaves, over the noise."""
+    """
+    A stranger where it leaves least: ``residual`` (N,) is what it leaves, over the noise.
+
+    ``reads_voltage`` tells that only what was read of the voltage is wrong.
+    """
 
     suspect: Suspect
     residual: np.ndarray
     cost: float
+    reads_voltage: bool = False
 
 
 def meet(fitter: Fitter, nominal: Fit) -> Met | None:
@@ -118,6 +131,11 @@ def _met(around: _Around, stranger: Stranger) -> Met:
             change = residuals_of(evidence, stranger.put(device, evidence, outputs, size)) - base
             return around.cost(base, change, stranger.any_scale)
 
+        if best is not None and stranger.smooth:
+            around_it = np.log(best) + np.array([-0.5, 0.5])
+            best = math.exp(minimize_scalar(
+                lambda size: ask(math.exp(size))[0], bounds=around_it, method='bounded').x)
+            sizes = [best]
         costs = parallel(ask, sizes)
         best = sizes[int(np.argmin([cost for cost, _ in costs]))]
         scale = costs[sizes.index(best)][1]
@@ -126,7 +144,10 @@ def _met(around: _Around, stranger: Stranger) -> Met:
         cost, new = around.tuned(base + change, phi)
         residual = base + change + around.slope @ (new - phi)
         phi = new
-    return Met(stranger.suspect, residual, cost)
+    much = stranger.says(best, scale)
+    suspect = stranger.suspect
+    return Met(replace(suspect, reason=suspect.reason + much) if much else suspect,
+               residual, cost, suspect in _MISREAD_VOLTAGE)
 
 
 class _Around:
@@ -258,6 +279,22 @@ def _leaking(device, evidence, outputs, size):
             for answer in outputs]
 
 
+def _by_a_factor(channel):
+    def put(device, evidence, outputs, size):
+        return [{**answer, channel: (1.0 + MISREAD) * answer[channel]} for answer in outputs]
+
+    return put
+
+
+def _late(channel):
+    def put(device, evidence, outputs, constant):
+        return [{**answer, channel: answer[channel][0] + lagged(
+            answer[channel] - answer[channel][0], constant / track.recording.period)}
+                for track, answer in zip(evidence.tracks, outputs)]
+
+    return put
+
+
 def _drooping(device, evidence, outputs, constant):
     def one(track, answer):
         charge = answer['charge'] - answer['charge'][0]
@@ -318,9 +355,24 @@ def _heated(device, evidence, outputs, cause):
             for each, answer, other in zip(warm, outputs, warmer)]
 
 
+def _part(size, scale):
+    part = significant(abs(100.0 * MISREAD * scale), 2)
+    return f'; it reads about {part} % too {"much" if scale > 0.0 else "little"}'
+
+
+def _time(size, scale):
+    return f' of about {quantity(size, "s", 2)}'
+
+
 _MOVED = {'displacement'}
 _BOTH = {'charge', 'displacement'}
 _DRIVEN = {'voltage', 'displacement'}
+_LED = {'voltage', 'charge'}
+_MISREAD_VOLTAGE = (
+    Suspect('sensor', 'the voltage is wrong by a factor, of which nothing that it drives knows: '
+            'its divider has another ratio'),
+    Suspect('sensor', 'the voltage is late, of which nothing that it drives knows: its probe has '
+            'a lag'))
 
 STRANGERS = (
     Stranger(CLOCK, [_MOVED], lambda outputs: _either(SKEWS), _skewed),
@@ -330,6 +382,17 @@ STRANGERS = (
                      'its reading'), [_MOVED], lambda outputs: (1.0,), _leaking, True),
     Stranger(Suspect('sensor', 'the charge is wrong as if its amplifier forgot it in time'),
              [{'charge'}], lambda outputs: DROOPS, _drooping),
+    Stranger(Suspect('sensor', 'the charge is wrong by a factor, of which the displacement knows '
+                     'nothing: its amplifier has another gain, or the stack a capacitance far '
+                     'from that of the file'),
+             [_BOTH], lambda outputs: (1.0,), _by_a_factor('charge'), True, says=_part),
+    Stranger(Suspect('sensor', 'the charge is late, of which the displacement knows nothing: its '
+                     'amplifier has a lag'), [_BOTH], lambda outputs: READ_LATE, _late('charge'), smooth=True,
+             says=_time),
+    Stranger(_MISREAD_VOLTAGE[0], [_LED, _DRIVEN], lambda outputs: (1.0,),
+             _by_a_factor('voltage'), True, says=_part),
+    Stranger(_MISREAD_VOLTAGE[1], [_LED, _DRIVEN], lambda outputs: READ_LATE, _late('voltage'),
+             smooth=True, says=_time),
     # A drift of the place is another explanation where nothing else is known.
     Stranger(Suspect('drive', 'all is wrong as if an offset of the driver warmed up'),
              [_BOTH, _DRIVEN], lambda outputs: WARM, _warming, True),

@@ -14,7 +14,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.quantities import significant, words
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked, Thresholds
 from piezo_stack_sim.gap.second import (
-    are_two_of_a_kind, counts, is_in_the_shade, stands_clear, well_formed)
+    are_two_of_a_kind, counts, is_in_the_shade, is_outshone, stands_clear, well_formed)
 
 # The title of a report speaks of one channel, what decides is the sum.
 OF_ALL = 'of the removable gap in all channels together'
@@ -209,7 +209,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
     explained = max(best.removed, 1.0 - best.left)
 
     def whole(pair: Ranked) -> bool:
-        return ((pair.removed >= t.half or pair.excess < t.excess)
+        return (pair.gain > t.detect and (pair.removed >= t.half or pair.excess < t.excess)
                 and max(explained, pair.removed, 1.0 - pair.left) >= t.explained)
 
     def two(pair: Ranked, why: str) -> Verdict:
@@ -227,7 +227,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                            'the voltage at the terminals', t.unknown, 1.0 - t.unknown, 'drive')
         for pair in pairs:
             enough = t.hint if cut.removed >= t.behind else t.second
-            if pair.name == cut.pair and pair.second > enough:
+            if pair.name == cut.pair and pair.second > enough and pair.gain > t.detect:
                 return two(pair, _why_behind(cut))
         pairs = [pair for pair in pairs if all(map(cut.allows, pair.name.split('+')))]
     for pair in filter(whole, pairs):
@@ -237,7 +237,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             return two(pair, _why_clear(best, pair))
     formed = max((pair for pair in pairs if pair.form < math.inf),
                  key=lambda pair: pair.form, default=None)
-    if formed is not None and whole(formed) and well_formed(best, formed, t, kin):
+    if (formed is not None and whole(formed) and well_formed(best, formed, t, kin)
+            and not is_outshone(best, formed, pairs, t, kin)):
         return two(formed, _why_formed(best, formed))
     for pair in filter(whole, pairs):
         if are_two_of_a_kind(best, pair, t, kin):
