@@ -477,3 +477,51 @@ def test_what_the_form_of_a_cause_is_known_to_leave_out_is_no_second_cause():
     assert decided('added_mass', 'command_delay') == 'CAUSE'
     assert decided('command_delay', 'added_mass') == 'MULTIPLE'
     assert decided('added_mass', 'leakage') == 'MULTIPLE'
+
+
+@pytest.mark.parametrize('kin, word', [
+    (('transducer_nonlinearity', 'sensor_gain'), 'CAUSE'),
+    (('transducer_nonlinearity',), 'MULTIPLE')])
+def test_two_that_both_resemble_the_best_only_mend_its_form(kin, word):
+    singles = [Ranked('sensor_nonlinearity', 2657.0, 0.97, 2, 0.031, 7.8),
+               Ranked('sensor_gain', 700.0, 0.26, 1, 0.8, 300.0)]
+    pair = Ranked('transducer_nonlinearity+sensor_gain', 2748.0, 0.9926, 3, 0.013, 1.5,
+                  second=129.0, part=0.37, over=149.0, form=255.0, wrong=0.02)
+    related = {frozenset(('sensor_nonlinearity', name)) for name in kin}
+    assert decide(singles, [pair], 0.99, 300.0, [], DEFAULTS, related).word == word
+
+
+@pytest.mark.parametrize('numbers, word', [
+    ({}, 'MULTIPLE'), ({'wrong': 0.2}, 'CAUSE'), ({'second': 120.0}, 'CAUSE'),
+    ({'part': 0.4}, 'CAUSE'), ({'removed': 0.9997}, 'CAUSE')])
+def test_a_relative_counts_that_explains_most_of_the_rest_by_the_very_form_it_has(numbers, word):
+    singles = [Ranked('transducer_ratio', 330.0, 0.9996, 1, 0.001, 76.0),
+               Ranked('sensor_gain', 200.0, 0.9, 1, 0.3, 900.0)]
+    pair = replace(Ranked('transducer_ratio+stiffness_hardening', 335.0, 0.99985, 2, 0.0006, 63.0,
+                          second=371.0, part=0.6, over=408.0, form=165.0, wrong=0.02), **numbers)
+    kin = {frozenset(('transducer_ratio', 'stiffness_hardening'))}
+    assert decide(singles, [pair], 0.9999, 900.0, [], DEFAULTS, kin).word == word
+
+
+@pytest.mark.parametrize('second, form, word', [
+    (95.0, 274.0, 'CAUSE'), (50.0, 100.0, 'MULTIPLE')])
+def test_a_second_that_a_relative_nearly_matches_is_an_error_of_form(second, form, word):
+    singles = [Ranked('leakage', 453.0, 0.9958, 1, 0.014, 277.0),
+               Ranked('creep', 100.0, 0.3, 2, 0.6, 9e3)]
+    pair = Ranked('leakage+mount_creep', 468.0, 0.9951, 4, 0.0035, 712.0, second=110.0, part=0.31,
+                  over=98.0, form=295.0, wrong=0.17)
+    other = Ranked('creep+leakage', 473.0, 0.9973, 3, 0.0028, 380.0, second=second, part=0.24,
+                   over=80.0, form=form, wrong=0.12)
+    kin = {frozenset(('leakage', 'creep'))}
+    assert decide(singles, [pair, other], 0.999, 9e3, [], DEFAULTS, kin).word == word
+
+
+@pytest.mark.parametrize('gain, word', [(-630.0, 'UNKNOWN'), (600.0, 'MULTIPLE')])
+def test_two_that_predict_worse_than_nothing_are_no_causes(gain, word):
+    """A voltage read wrong by a factor: what explains it makes all else wrong."""
+    singles = [Ranked('added_mass', 0.0, 0.0, 0, 1.0, 3e5)]
+    pair = Ranked('amplifier_gain+parallel_stiffness', gain, 0.9996, 3, 0.0, 1.2e4,
+                  second=300.0, part=0.9, over=300.0, form=9e3, wrong=0.02)
+    cut = Cut(True, 'amplifier_gain+parallel_stiffness', 0.95)
+    for known in (None, cut):
+        assert decide(singles, [pair], 0.9999, 3e5, [], DEFAULTS, (), known).word == word

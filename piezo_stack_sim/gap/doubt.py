@@ -108,7 +108,9 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Met | None:
         return max(removable.share(residual), 1.0 - left)
 
     known = decision.chosen(search).residual if verdict.selected else nominal
-    if 1.0 - explained(judge, known) < WORTH and not _spoilt(search, decision):
+    # Of two, one may undo what the other makes wrong.
+    if (len(verdict.selected) < 2 and 1.0 - explained(judge, known) < WORTH
+            and not _spoilt(search, decision)):
         return None
     met = meet(fitter, search.nominal)
     if met is None or verdict.block not in (None, met.suspect.block):
