@@ -387,8 +387,8 @@ STRANGERS = (
                      'from that of the file'),
              [_BOTH], lambda outputs: (1.0,), _by_a_factor('charge'), True, says=_part),
     Stranger(Suspect('sensor', 'the charge is late, of which the displacement knows nothing: its '
-                     'amplifier has a lag'), [_BOTH], lambda outputs: READ_LATE, _late('charge'), smooth=True,
-             says=_time),
+                     'amplifier has a lag'),
+             [_BOTH], lambda outputs: READ_LATE, _late('charge'), smooth=True, says=_time),
     Stranger(_MISREAD_VOLTAGE[0], [_LED, _DRIVEN], lambda outputs: (1.0,),
              _by_a_factor('voltage'), True, says=_part),
     Stranger(_MISREAD_VOLTAGE[1], [_LED, _DRIVEN], lambda outputs: READ_LATE, _late('voltage'),
