@@ -135,10 +135,10 @@ def warms_up(programme):
     return programme.command + 0.08 * programme.time / (programme.time + 2.0)
 
 
-def reads_by(channel, factor=1.0, lag=None):
-    """Return what makes of a channel what its amplifier reads."""
+def reads_by(channel, factor=1.0, lag=None, shift=0.0):
+    """Return what makes of a channel what its amplifier reads, by its own clock."""
     def spoil(device, programme, clean):
-        values = factor * clean[channel]
+        values = factor * np.interp(programme.time - shift, programme.time, clean[channel])
         if lag is not None:
             decay = np.exp(-programme.period / lag)
             start = values[0]
@@ -148,14 +148,18 @@ def reads_by(channel, factor=1.0, lag=None):
     return spoil
 
 
-@pytest.mark.parametrize('channel, factor, lag, says', [
-    ('charge', 1.05, None, 'reads about 5.0 % too much'),
-    ('charge', 0.96, None, 'reads about 4.0 % too little'),
-    ('charge', 1.0, 2e-3, 'has a lag of about 2.0 ms'),
-    ('voltage', 1.03, None, 'reads about 3.0 % too much'),
-    ('voltage', 1.0, 5e-4, 'has a lag of about 500 µs')])
-def test_a_reading_that_is_wrong_alone_is_known_by_how_much(device, channel, factor, lag, says):
-    fitter, nominal = fitter_of(device, a_set(device, spoil=reads_by(channel, factor, lag)))
+@pytest.mark.parametrize('channel, factor, lag, shift, says', [
+    ('charge', 1.05, None, 0.0, 'reads about 5.0 % too much'),
+    ('charge', 0.96, None, 0.0, 'reads about 4.0 % too little'),
+    ('charge', 1.0, 2e-3, 0.0, 'has a lag of about 2.0 ms'),
+    ('voltage', 1.03, None, 0.0, 'reads about 3.0 % too much'),
+    ('voltage', 1.0, 5e-4, 0.0, 'has a lag of about 500 µs'),
+    ('charge', 1.0, None, 3e-4, 'comes late by about 300 µs'),
+    ('voltage', 1.0, None, -1e-3, 'comes early by about 1.0 ms')])
+def test_a_reading_that_is_wrong_alone_is_known_by_how_much(
+        device, channel, factor, lag, shift, says):
+    fitter, nominal = fitter_of(
+        device, a_set(device, spoil=reads_by(channel, factor, lag, shift)))
     met = meet(fitter, nominal)
     assert met.suspect.block == 'sensor' and channel in met.suspect.reason
     assert met.reads_voltage == (channel == 'voltage')

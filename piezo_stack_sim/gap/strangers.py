@@ -132,9 +132,9 @@ def _met(around: _Around, stranger: Stranger) -> Met:
             return around.cost(base, change, stranger.any_scale)
 
         if best is not None and stranger.smooth:
-            around_it = np.log(best) + np.array([-0.5, 0.5])
-            best = math.exp(minimize_scalar(
-                lambda size: ask(math.exp(size))[0], bounds=around_it, method='bounded').x)
+            around_it, sign = math.log(abs(best)) + np.array([-0.5, 0.5]), math.copysign(1.0, best)
+            best = sign * math.exp(minimize_scalar(
+                lambda size: ask(sign * math.exp(size))[0], bounds=around_it, method='bounded').x)
             sizes = [best]
         costs = parallel(ask, sizes)
         best = sizes[int(np.argmin([cost for cost, _ in costs]))]
@@ -295,6 +295,15 @@ def _late(channel):
     return put
 
 
+def _shifted(channel):
+    def put(device, evidence, outputs, late):
+        return [{**answer, channel: np.interp(
+            _since(track) - late, _since(track), answer[channel])}
+                for track, answer in zip(evidence.tracks, outputs)]
+
+    return put
+
+
 def _drooping(device, evidence, outputs, constant):
     def one(track, answer):
         charge = answer['charge'] - answer['charge'][0]
@@ -364,6 +373,10 @@ def _time(size, scale):
     return f' of about {quantity(size, "s", 2)}'
 
 
+def _shift(size, scale):
+    return f' {"late" if size > 0.0 else "early"} by about {quantity(abs(size), "s", 2)}'
+
+
 _MOVED = {'displacement'}
 _BOTH = {'charge', 'displacement'}
 _DRIVEN = {'voltage', 'displacement'}
@@ -372,7 +385,8 @@ _MISREAD_VOLTAGE = (
     Suspect('sensor', 'the voltage is wrong by a factor, of which nothing that it drives knows: '
             'its divider has another ratio'),
     Suspect('sensor', 'the voltage is late, of which nothing that it drives knows: its probe has '
-            'a lag'))
+            'a lag'),
+    Suspect('sensor', 'the voltage is not sampled when all else is: it comes'))
 
 STRANGERS = (
     Stranger(CLOCK, [_MOVED], lambda outputs: _either(SKEWS), _skewed),
@@ -393,6 +407,11 @@ STRANGERS = (
              _by_a_factor('voltage'), True, says=_part),
     Stranger(_MISREAD_VOLTAGE[1], [_LED, _DRIVEN], lambda outputs: READ_LATE, _late('voltage'),
              smooth=True, says=_time),
+    Stranger(Suspect('sensor', 'the charge is not sampled when all else is: it comes'),
+             [_BOTH], lambda outputs: _either(READ_LATE), _shifted('charge'), smooth=True,
+             says=_shift),
+    Stranger(_MISREAD_VOLTAGE[2], [_LED, _DRIVEN], lambda outputs: _either(READ_LATE),
+             _shifted('voltage'), smooth=True, says=_shift),
     # A drift of the place is another explanation where nothing else is known.
     Stranger(Suspect('drive', 'all is wrong as if an offset of the driver warmed up'),
              [_BOTH, _DRIVEN], lambda outputs: WARM, _warming, True),
