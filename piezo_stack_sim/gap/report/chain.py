@@ -22,6 +22,8 @@ def chain_view(diagnosis):
         'channels': [_channel(channel, diagnosis['gap'][channel], diagnosis)
                      for channel in in_order(diagnosis['gap'])],
         'no_gap': diagnosis['verdict'] == 'NO_GAP',
+        'misread': where['block'] == 'sensor' and max(
+            where['shares'], key=where['shares'].get, default='sensor') in ('drive', 'electrical'),
         'groups': [(title, rows) for title, rows in (
             ('Channel', _shares(where['channels'])),
             ('Recording', _shares(where['records'], names=True)),
