@@ -226,11 +226,11 @@ def test_a_cut_of_many_blocks_is_shown_as_one_and_a_tie_in_all_of_its_blocks(ver
 
 
 @pytest.mark.parametrize(('block', 'said'), [('sensor', True), ('drive', False)])
-def test_a_reading_that_is_wrong_is_said_to_show_in_the_block_before_it(block, said):
+def test_a_reading_that_is_wrong_is_said_to_show_in_the_cuts_beside_it(block, said):
     diagnosis = make_diagnosis('UNKNOWN')
     diagnosis['where'].update(block=block, shares={'drive': 0.99, 'sensor': 0.01})
     page = Page(render_report(diagnosis)).words
-    assert ('a reading that is wrong shows in the block before it' in page) == said
+    assert ('a reading that is wrong shows before and behind it' in page) == said
 
 
 def test_a_block_that_nothing_points_to_is_said_to_be_a_guess():
