@@ -162,7 +162,7 @@ def test_a_reading_that_is_wrong_alone_is_known_by_how_much(
         device, a_set(device, spoil=reads_by(channel, factor, lag, shift)))
     met = meet(fitter, nominal)
     assert met.suspect.block == 'sensor' and channel in met.suspect.reason
-    assert met.reads_voltage == (channel == 'voltage')
+    assert met.misread == channel
     assert says in met.suspect.reason
     assert np.mean(met.residual ** 2) - 1.0 < 0.05
 

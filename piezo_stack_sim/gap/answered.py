@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import FOLLOWS, Suspect
-from piezo_stack_sim.gap.blackbox import predict
+from piezo_stack_sim.gap.blackbox import answers_to, predict
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import Evidence, Track
 
@@ -73,8 +73,7 @@ def _answered(track: Track, charge: np.ndarray) -> tuple[float, float]:
     wrong = wrong - wrong.mean()
     change = np.diff(recording.command, prepend=recording.command[0])
     rows = min(int(np.clip(round(SOON / recording.period), *ROWS)), max(wrong.size // 4, 1))
-    answers = np.column_stack([np.concatenate([np.zeros(late), change[:change.size - late]])
-                               for late in range(rows)])
+    answers = answers_to(change, rows)
     fitted = np.zeros(wrong.size, dtype=bool)
     averaged = np.repeat(track.fitted, track.factor)
     fitted[:averaged.size] = averaged

@@ -124,6 +124,12 @@ def _standardised(features: np.ndarray) -> np.ndarray:
     return np.column_stack([np.ones(len(features)), features[:, keep] / spread[keep]])
 
 
+def answers_to(change: np.ndarray, rows: int) -> np.ndarray:
+    """Return a change (n,) as it was up to so many rows ago, (n, rows)."""
+    return np.column_stack([np.concatenate([np.zeros(late), change[:change.size - late]])
+                            for late in range(rows)])
+
+
 def lagged(values: np.ndarray, rows: float) -> np.ndarray:
     """Return values (n,) behind a pole with a time constant in rows."""
     from scipy.signal import lfilter

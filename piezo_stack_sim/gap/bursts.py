@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from piezo_stack_sim.gap.back_coupling import is_led, Suspect
-from piezo_stack_sim.gap.blackbox import predict
+from piezo_stack_sim.gap.blackbox import answers_to, predict
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import Course, LOUD, STEADILY, suspect_play
 from piezo_stack_sim.gap.evidence import Track
@@ -132,9 +132,10 @@ def _uncalled(track: Track, gap: np.ndarray) -> np.ndarray:
     changes = [np.diff(each, prepend=each[0]) for each in map(
         track.average, (recording.command, recording.external_force)) if np.ptp(each) > 0.0]
     rows = min(RINGING, gap.size // 8)
-    answers = np.column_stack([np.concatenate([np.zeros(late), change[:change.size - late]])
-                               for change in changes for late in range(rows)] or [gap * 0.0])
-    told = predict(answers, gap, track.fitted)
+    told = np.zeros(gap.size)
+    if changes:
+        told = predict(np.hstack([answers_to(change, rows) for change in changes]), gap,
+                       track.fitted)
     return np.array([max(float(np.sum(each[~track.fitted] ** 2 - 1.0)), 0.0)
                      for each in (gap, gap - told)])
 

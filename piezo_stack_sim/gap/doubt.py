@@ -58,18 +58,18 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
 
     """
     verdict, best = decision.verdict, decision.singles[0]
-    stranger = _stranger(fitter, search, decision)
+    spoilt = _spoilt(search, decision)
+    stranger = _stranger(fitter, search, decision, asked=bool(spoilt))
     # What is wrong at the terminals is not explained by what lies behind.
     if stranger is not None and (
-            stranger.suspect.block == 'drive' or stranger.reads_voltage
+            stranger.suspect.block == 'drive' or stranger.misread == 'voltage'
             or not is_driver_loudest(_course(fitter, search.nominal)[0])):
         known = f'{_known(best)}, but ' if best.removed > 0.0 else ''
         return _unknown(decision, stranger.suspect, thresholds,
                         known if verdict.block is None else f'{verdict.reason}: ')
-    worse = _spoilt(search, decision)
-    if worse:
+    if spoilt:
         causes = ' and '.join(map(words, verdict.selected))
-        return _unknown(decision, Suspect('', f'{causes} would make the {worse} worse than it is '
+        return _unknown(decision, Suspect('', f'{causes} would make the {spoilt} worse than it is '
                                           'without, so that it is something else'), thresholds)
     named = next((one for one in decision.singles if (one.name,) == verdict.selected), None)
     if verdict.word == 'UNKNOWN' and verdict.block is None and best.removed > thresholds.half:
@@ -96,8 +96,12 @@ def _known(best: Ranked) -> str:
     return f'{words(best.name)} removes {100.0 * best.removed:.0f} % {OF_ALL}'
 
 
-def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Met | None:
-    """Return what the library lacks and leaves clearly less than all of it, or None."""
+def _stranger(fitter: Fitter, search: Search, decision: Decision, asked: bool) -> Met | None:
+    """
+    Return what the library lacks and leaves clearly less than all of it, or None.
+
+    It is ``asked`` for, or wherever a cause leaves much, or two may undo each other.
+    """
     verdict, judge, removable = decision.verdict, decision.judge, decision.removable
     if verdict.word == 'NO_GAP':
         return None
@@ -108,9 +112,8 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision) -> Met | None:
         return max(removable.share(residual), 1.0 - left)
 
     known = decision.chosen(search).residual if verdict.selected else nominal
-    # Of two, one may undo what the other makes wrong.
-    if (len(verdict.selected) < 2 and 1.0 - explained(judge, known) < WORTH
-            and not _spoilt(search, decision)):
+    if (not asked and len(verdict.selected) < 2
+            and 1.0 - explained(judge, known) < WORTH):
         return None
     met = meet(fitter, search.nominal)
     if met is None or verdict.block not in (None, met.suspect.block):

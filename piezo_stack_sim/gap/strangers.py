@@ -71,7 +71,8 @@ class Stranger:
     may be chosen, ``put`` puts one on the outputs of a device.  ``any_scale`` tells that every
     multiple of what it makes of the outputs counts, ``near`` yields what lies about a size,
     ``smooth`` that a size is a number between the neighbours of which the best can be looked for,
-    ``says`` says in words how much a size, taken so many times, is.
+    ``says`` says in words how much a size, taken so many times, is, ``misread`` names the channel
+    that is right and only read wrong.
     """
 
     suspect: Suspect
@@ -82,6 +83,7 @@ class Stranger:
     near: Callable[[Any], Iterable] = field(default=lambda size: (size,))
     smooth: bool = False
     says: Callable[[Any, float], str] = field(default=lambda size, scale: '')
+    misread: str = ''
 
 
 @dataclass(frozen=True)
@@ -89,13 +91,13 @@ class Met:
     """
     A stranger where it leaves least: ``residual`` (N,) is what it leaves, over the noise.
 
-    ``reads_voltage`` tells that only what was read of the voltage is wrong.
+    ``misread`` is the channel that is right and only read wrong, '' for none.
     """
 
     suspect: Suspect
     residual: np.ndarray
     cost: float
-    reads_voltage: bool = False
+    misread: str = ''
 
 
 def meet(fitter: Fitter, nominal: Fit) -> Met | None:
@@ -147,7 +149,7 @@ def _met(around: _Around, stranger: Stranger) -> Met:
     much = stranger.says(best, scale)
     suspect = stranger.suspect
     return Met(replace(suspect, reason=suspect.reason + much) if much else suspect,
-               residual, cost, suspect in _MISREAD_VOLTAGE)
+               residual, cost, stranger.misread)
 
 
 class _Around:
@@ -279,31 +281,6 @@ def _leaking(device, evidence, outputs, size):
             for answer in outputs]
 
 
-def _by_a_factor(channel):
-    def put(device, evidence, outputs, size):
-        return [{**answer, channel: (1.0 + MISREAD) * answer[channel]} for answer in outputs]
-
-    return put
-
-
-def _late(channel):
-    def put(device, evidence, outputs, constant):
-        return [{**answer, channel: answer[channel][0] + lagged(
-            answer[channel] - answer[channel][0], constant / track.recording.period)}
-                for track, answer in zip(evidence.tracks, outputs)]
-
-    return put
-
-
-def _shifted(channel):
-    def put(device, evidence, outputs, late):
-        return [{**answer, channel: np.interp(
-            _since(track) - late, _since(track), answer[channel])}
-                for track, answer in zip(evidence.tracks, outputs)]
-
-    return put
-
-
 def _drooping(device, evidence, outputs, constant):
     def one(track, answer):
         charge = answer['charge'] - answer['charge'][0]
@@ -364,29 +341,47 @@ def _heated(device, evidence, outputs, cause):
             for each, answer, other in zip(warm, outputs, warmer)]
 
 
-def _part(size, scale):
-    part = significant(abs(100.0 * MISREAD * scale), 2)
-    return f'; it reads about {part} % too {"much" if scale > 0.0 else "little"}'
+def _misread(channel, needs, gain, lag):
+    """Yield what makes a reading wrong of a channel that is right."""
+    def reading(evidence, outputs, read):
+        return [{**answer, channel: read(track, answer[channel])}
+                for track, answer in zip(evidence.tracks, outputs)]
 
+    def by_a_factor(device, evidence, outputs, size):
+        return reading(evidence, outputs, lambda track, values: (1.0 + MISREAD) * values)
 
-def _time(size, scale):
-    return f' of about {quantity(size, "s", 2)}'
+    def behind_a_lag(device, evidence, outputs, constant):
+        return reading(evidence, outputs, lambda track, values: lagged(
+            values, constant / track.recording.period))
 
+    def late(device, evidence, outputs, seconds):
+        return reading(evidence, outputs, lambda track, values: np.interp(
+            _since(track) - seconds, _since(track), values))
 
-def _shift(size, scale):
-    return f' {"late" if size > 0.0 else "early"} by about {quantity(abs(size), "s", 2)}'
+    def part(size, scale):
+        much = significant(abs(100.0 * MISREAD * scale), 2)
+        return f'; it reads about {much} % too {"much" if scale > 0.0 else "little"}'
+
+    def time(size, scale):
+        return f' of about {quantity(size, "s", 2)}'
+
+    def shift(size, scale):
+        return f' {"late" if size > 0.0 else "early"} by about {quantity(abs(size), "s", 2)}'
+
+    yield Stranger(Suspect('sensor', f'the {channel} is wrong by a factor, {gain}'), needs,
+                   lambda outputs: (1.0,), by_a_factor, True, says=part, misread=channel)
+    yield Stranger(Suspect('sensor', f'the {channel} is late, {lag}'), needs,
+                   lambda outputs: READ_LATE, behind_a_lag, smooth=True, says=time,
+                   misread=channel)
+    yield Stranger(Suspect('sensor', f'the {channel} is not sampled when all else is: it comes'),
+                   needs, lambda outputs: _either(READ_LATE), late, smooth=True, says=shift,
+                   misread=channel)
 
 
 _MOVED = {'displacement'}
 _BOTH = {'charge', 'displacement'}
 _DRIVEN = {'voltage', 'displacement'}
-_LED = {'voltage', 'charge'}
-_MISREAD_VOLTAGE = (
-    Suspect('sensor', 'the voltage is wrong by a factor, of which nothing that it drives knows: '
-            'its divider has another ratio'),
-    Suspect('sensor', 'the voltage is late, of which nothing that it drives knows: its probe has '
-            'a lag'),
-    Suspect('sensor', 'the voltage is not sampled when all else is: it comes'))
+_TERMINALS = {'voltage', 'charge'}
 
 STRANGERS = (
     Stranger(CLOCK, [_MOVED], lambda outputs: _either(SKEWS), _skewed),
@@ -396,22 +391,12 @@ STRANGERS = (
                      'its reading'), [_MOVED], lambda outputs: (1.0,), _leaking, True),
     Stranger(Suspect('sensor', 'the charge is wrong as if its amplifier forgot it in time'),
              [{'charge'}], lambda outputs: DROOPS, _drooping),
-    Stranger(Suspect('sensor', 'the charge is wrong by a factor, of which the displacement knows '
-                     'nothing: its amplifier has another gain, or the stack a capacitance far '
-                     'from that of the file'),
-             [_BOTH], lambda outputs: (1.0,), _by_a_factor('charge'), True, says=_part),
-    Stranger(Suspect('sensor', 'the charge is late, of which the displacement knows nothing: its '
-                     'amplifier has a lag'),
-             [_BOTH], lambda outputs: READ_LATE, _late('charge'), smooth=True, says=_time),
-    Stranger(_MISREAD_VOLTAGE[0], [_LED, _DRIVEN], lambda outputs: (1.0,),
-             _by_a_factor('voltage'), True, says=_part),
-    Stranger(_MISREAD_VOLTAGE[1], [_LED, _DRIVEN], lambda outputs: READ_LATE, _late('voltage'),
-             smooth=True, says=_time),
-    Stranger(Suspect('sensor', 'the charge is not sampled when all else is: it comes'),
-             [_BOTH], lambda outputs: _either(READ_LATE), _shifted('charge'), smooth=True,
-             says=_shift),
-    Stranger(_MISREAD_VOLTAGE[2], [_LED, _DRIVEN], lambda outputs: _either(READ_LATE),
-             _shifted('voltage'), smooth=True, says=_shift),
+    *_misread('charge', [_BOTH], 'of which the displacement knows nothing: its amplifier has '
+              'another gain, or the stack a capacitance far from that of the file',
+              'of which the displacement knows nothing: its amplifier has a lag'),
+    *_misread('voltage', [_TERMINALS, _DRIVEN], 'of which nothing that it drives knows: its '
+              'divider has another ratio',
+              'of which nothing that it drives knows: its probe has a lag'),
     # A drift of the place is another explanation where nothing else is known.
     Stranger(Suspect('drive', 'all is wrong as if an offset of the driver warmed up'),
              [_BOTH, _DRIVEN], lambda outputs: WARM, _warming, True),
