@@ -12,7 +12,7 @@ from piezo_stack_sim.gap.course import Course
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.strangers import meet
+from piezo_stack_sim.gap.meeting import meet
 from piezo_stack_sim.gap.where import block_residuals
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes

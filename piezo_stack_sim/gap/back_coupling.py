@@ -72,26 +72,19 @@ def suspect_block(cuts: Sequence[dict]) -> Suspect | None:
         hold ``electrical``, ``through`` and ``behind`` count.
 
     """
-    powers, rows, driven, driver, parts = np.zeros(5), 0, True, 0.0, []
-    for cut in cuts:
-        if not {'electrical', 'through', 'behind'} <= set(cut):
-            continue
-        (charge, quiet), (moved, still) = cut['electrical'], cut['through']
-        behind, between = cut['behind']
-        driven = driven and 'drive' in cut
+    ports = ('electrical', 'through', 'behind')
+    told = [cut for cut in cuts if set(ports) <= set(cut)]
+    if not told:
+        return None
+    driven, driver, parts = all('drive' in cut for cut in told), 0.0, []
+    for cut in told:
+        (charge, _), (moved, still) = cut['electrical'], cut['through']
         if driven:
             wrong, noise = cut['drive']
             driver = max(driver, float(np.mean(wrong ** 2)) / noise ** 2)
-        powers += charge.size * np.array([
-            np.mean(charge ** 2) - quiet ** 2, np.mean(moved ** 2) - still ** 2,
-            np.mean(behind ** 2) - between ** 2, quiet ** 2, still ** 2])
-        rows += charge.size
         parts += [(np.sum(q * x), np.sum(x ** 2 - still ** 2)) for q, x in zip(
             np.array_split(charge, PARTS), np.array_split(moved, PARTS))]
-    if not rows:
-        return None
-    before, through, after, quiet, still = (
-        math.sqrt(max(power, 0.0)) for power in powers / rows)
+    (before, through, after), (quiet, still, _) = np.sqrt(np.maximum(_powers(told, ports), 0.0))
     if max(before / quiet, through / still) < STANDS_OUT:
         return None
     if through < ASTRAY * min(before, after):
@@ -135,15 +128,20 @@ def is_led(cuts: Sequence[dict]) -> bool:
         Of each track, from :func:`~piezo_stack_sim.gap.where.block_residuals`.
 
     """
-    powers = np.zeros(3)
-    for cut in cuts:
-        if {'electrical', 'behind'} <= set(cut):
-            (charge, quiet), (behind, between) = cut['electrical'], cut['behind']
-            powers += charge.size * np.array([
-                np.mean(charge ** 2) - quiet ** 2, np.mean(behind ** 2) - between ** 2,
-                quiet ** 2])
-    before, after, noise = powers
+    ports = ('electrical', 'behind')
+    told = [cut for cut in cuts if set(ports) <= set(cut)]
+    if not told:
+        return False
+    (before, after), (noise, _) = _powers(told, ports)
     return bool(before > max(after, (STANDS_OUT ** 2) * noise))
+
+
+def _powers(cuts: Sequence[dict], ports: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean square of each port beyond its noise, and of its noise, over all rows."""
+    rows = [cut[ports[0]][0].size for cut in cuts]
+    wrong = [[np.mean(cut[port][0] ** 2) for port in ports] for cut in cuts]
+    noise = np.average([[cut[port][1] ** 2 for port in ports] for cut in cuts], 0, rows)
+    return np.average(wrong, 0, rows) - noise, noise
 
 
 def ratio_of_sums(parts: np.ndarray) -> tuple[float, float]:

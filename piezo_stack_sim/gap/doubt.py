@@ -16,10 +16,10 @@ from piezo_stack_sim.gap.course import (
 from piezo_stack_sim.gap.decision import Decision
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import simulate_channels
+from piezo_stack_sim.gap.meeting import meet, Met
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.score import channel_power, Judge
-from piezo_stack_sim.gap.strangers import meet, Met
 from piezo_stack_sim.gap.verdict import OF_ALL, Verdict
 from piezo_stack_sim.gap.where import block_residuals, is_driver_loudest
 

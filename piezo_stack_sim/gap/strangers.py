@@ -5,9 +5,8 @@ What the library lacks but would be known if it were seen: strangers.
 
 An effect of the library may explain most of what another makes of the outputs: a remanence what
 an offset that warms up does, a lag what a clock that runs fast does.  Whoever knows no effects but
-those of the library takes it for the cause.  Each of these strangers is put on the outputs of the
-re-tuned device and the nominal parameters are re-tuned beside it, as beside an effect of the
-library.  Where it leaves clearly less than the best of these, it is none of them.
+those of the library takes it for the cause.  Where a stranger leaves clearly less than the best of
+these, it is none of them (gap/meeting.py).
 
 None of them is a model: each has one or two numbers, and names a block, not a cause.
 """
@@ -17,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 import itertools
-import math
 from typing import Any
 
 import numpy as np
@@ -27,11 +25,10 @@ from piezo_stack_sim.gap.blackbox import lagged
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.course import CLOCK, HEATED, play
 from piezo_stack_sim.gap.evidence import Evidence, Track
-from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import residuals_of, simulate_channels, simulate_set
 from piezo_stack_sim.gap.quantities import quantity, significant
 from piezo_stack_sim.plant import Device
-from scipy.optimize import lsq_linear, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 SKEWS = np.geomspace(3e-6, 5e-3, 40)  # parts by which a clock may run fast or slow
 PLAYS = np.geomspace(1e-9, 4e-7, 24)  # m, half width of a play
@@ -57,7 +54,6 @@ WHOLLY = 0.1  # part of their gap that being late may leave of these: hysteresis
 LATEST = 0.02  # s that a recording may start late or early
 STEPS = np.unique(np.round(np.concatenate([
     np.arange(-20.0, 21.0), -np.geomspace(20.0, 400.0, 30), np.geomspace(20.0, 400.0, 30)])))
-AGAIN = 2  # times that the best place is re-tuned and simulated
 
 Outputs = Sequence[dict]  # channel to (n,) array, for each track
 
@@ -84,116 +80,6 @@ class Stranger:
     smooth: bool = False
     says: Callable[[Any, float], str] = field(default=lambda size, scale: '')
     misread: str = ''
-
-
-@dataclass(frozen=True)
-class Met:
-    """
-    A stranger where it leaves least: ``residual`` (N,) is what it leaves, over the noise.
-
-    ``misread`` is the channel that is right and only read wrong, '' for none.
-    """
-
-    suspect: Suspect
-    residual: np.ndarray
-    cost: float
-    misread: str = ''
-
-
-def meet(fitter: Fitter, nominal: Fit) -> Met | None:
-    """
-    Return the stranger that explains the recordings best, or None if none may be told.
-
-    Parameters
-    ----------
-    fitter : Fitter
-        Of the set.
-    nominal : Fit
-        Of the re-tuned nominal device.
-
-    """
-    channels = set(fitter.evidence.channels)
-    around = _Around(fitter, nominal)
-    met = [_met(around, stranger) for stranger in STRANGERS
-           if any(need <= channels for need in stranger.needs)]
-    return min(met, key=lambda one: one.cost, default=None)
-
-
-def _met(around: _Around, stranger: Stranger) -> Met:
-    """Return a stranger with the size that leaves least."""
-    evidence = around.fitter.evidence
-    phi, best, (device, outputs, base) = around.phi, None, around.start
-    for again in range(AGAIN):
-        if again:
-            device, outputs, base = around.at(phi)
-        # Where it was best at first it is about best again, the parameters re-tuned beside it.
-        sizes = list(stranger.sizes(outputs) if best is None else stranger.near(best))
-
-        def ask(size):
-            change = residuals_of(evidence, stranger.put(device, evidence, outputs, size)) - base
-            return around.cost(base, change, stranger.any_scale)
-
-        if best is not None and stranger.smooth:
-            around_it, sign = math.log(abs(best)) + np.array([-0.5, 0.5]), math.copysign(1.0, best)
-            best = sign * math.exp(minimize_scalar(
-                lambda size: ask(sign * math.exp(size))[0], bounds=around_it, method='bounded').x)
-            sizes = [best]
-        costs = parallel(ask, sizes)
-        best = sizes[int(np.argmin([cost for cost, _ in costs]))]
-        scale = costs[sizes.index(best)][1]
-        change = scale * (
-            residuals_of(evidence, stranger.put(device, evidence, outputs, best)) - base)
-        cost, new = around.tuned(base + change, phi)
-        residual = base + change + around.slope @ (new - phi)
-        phi = new
-    much = stranger.says(best, scale)
-    suspect = stranger.suspect
-    return Met(replace(suspect, reason=suspect.reason + much) if much else suspect,
-               residual, cost, stranger.misread)
-
-
-class _Around:
-    """What re-tuning the nominal parameters does, linearly, around a fit of them."""
-
-    def __init__(self, fitter: Fitter, nominal: Fit) -> None:
-        self.fitter, self.phi, self.nuisance = fitter, nominal.phi, fitter.nuisance
-        self.lens = fitter.lens
-        self.slope = fitter.nominal.whole if nominal.nominal is None else nominal.nominal
-        self.seen = self.lens(self.slope).astype(float)
-        self.precision = np.diag(self.nuisance.prior ** -2.0)
-        self.square = self.seen.T @ self.seen + self.precision
-        self.inverse = np.linalg.inv(self.square)
-        self.start = self.at(nominal.phi)
-
-    def at(self, phi: np.ndarray) -> tuple[Device, Outputs, np.ndarray]:
-        """Return the device with its parameters so, its outputs, and its residual (N,)."""
-        evidence, device = self.fitter.evidence, self.fitter.device_with({}, phi)
-        outputs = simulate_set(device, [track.recording for track in evidence.tracks])
-        return device, outputs, residuals_of(evidence, outputs)
-
-    def cleared(self, seen: np.ndarray) -> np.ndarray:
-        """Return changes (M,) without what the nominal parameters, bounds apart, can imitate."""
-        return seen - self.seen @ (self.inverse @ (self.seen.T @ seen))
-
-    def cost(self, base: np.ndarray, change: np.ndarray, any_scale: bool
-             ) -> tuple[float, float]:
-        """Return the cost of a change (N,) of a residual, and the multiple of it that counts."""
-        left, along = self.cleared(self.lens(base)), self.cleared(self.lens(change))
-        scale = 1.0
-        if any_scale:
-            scale = -float(along @ left) / max(float(along @ along), 1e-30)
-        rest = left + scale * along
-        return float(rest @ rest), scale
-
-    def tuned(self, residual: np.ndarray, phi: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the cost of a residual (N,) with the parameters re-tuned in their bounds."""
-        now = self.lens(residual) - self.seen @ phi
-        root = np.linalg.cholesky(self.square)
-        bound = self.nuisance.bound + 1e-12
-        new = lsq_linear(root.T, -np.linalg.solve(root, self.seen.T @ now), (-bound, bound),
-                         method='bvls').x
-        rest = now + self.seen @ new
-        return float(rest @ rest + new @ self.precision @ new), new
 
 
 def _since(track: Track) -> np.ndarray:
