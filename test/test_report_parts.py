@@ -12,7 +12,7 @@ from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.ranked import Ranked
 from piezo_stack_sim.gap.report_parts import (
-    calibration_part, cause_part, outdone, stuck_of)
+    calibration_part, cause_part, outdone, stuck_of, worsened)
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
@@ -137,6 +137,16 @@ def test_a_placebo_that_removes_more_than_the_answer_is_warned_of(score, false, 
                      'placebo': {'charge': false, 'displacement': 0.1}, 'ceiling': {}})
     assert len(found) == warned
     assert not warned or 'charge' in found[0] and 'distrust' in found[0]
+
+
+@pytest.mark.parametrize('before, after, warned', [
+    (1.0, 3.1, True), (4.0, 9.0, True), (4.0, 4.2, False), (9.0, 0.9, False), (0.5, 1.3, False)])
+def test_a_channel_that_gets_worse_is_warned_of(before, after, warned):
+    rows = {'charge': {'before': 1e-4, 'after': 2e-16, 'noise': 1e-16},
+            'displacement': {'before': before * 1e-18, 'after': after * 1e-18, 'noise': 1e-18}}
+    found = worsened({**rows, 'placebo': {}, 'ceiling': {}, 'withheld': []})
+    assert len(found) == warned
+    assert all('displacement' in line and 'explains nothing' in line for line in found)
 
 
 def test_of_many_tied_causes_it_is_said_how_many_an_experiment_was_tried_with(fitter, both):

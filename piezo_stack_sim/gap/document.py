@@ -26,7 +26,8 @@ from piezo_stack_sim.gap.misread import suspect_charge
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.report_parts import (
-    calibration_part, cause_part, gap_part, outdone, records_part, shrinkage_part, stuck_of)
+    calibration_part, cause_part, gap_part, outdone, records_part, shrinkage_part, stuck_of,
+    worsened)
 from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.gap.staircase import suspect_steps
 from piezo_stack_sim.gap.verdict import outscored, probabilities, Verdict
@@ -95,7 +96,7 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         'warnings': [
             *_warnings(chosen, verdict, decision.singles, thresholds, fitter.nuisance.scale_free,
                        stuck_of(chosen, search.fits.get(decision.name))),
-            *(outdone(shrinkage) if verdict.selected else ())],
+            *((*outdone(shrinkage), *worsened(shrinkage)) if verdict.selected else ())],
         'baselines': _baselines(decision.singles, search, fitter, judge),
         'how': {'seed': blackbox.SEED, 'settings': {'seconds': None},
                 'steps': _steps(evidence, search, decision)},

@@ -13,9 +13,10 @@ from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
 from piezo_stack_sim.gap.fit import Fit, Fitter, Free
 from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.noise import integrated_correlation
-from piezo_stack_sim.gap.quantities import percent, words
+from piezo_stack_sim.gap.quantities import percent, significant, words
 from piezo_stack_sim.gap.ranked import Ranked
 from piezo_stack_sim.gap.score import channel_power, Judge, noise_power, without_zero
+from piezo_stack_sim.gap.wording import times_worse
 
 UNITS = {'mass': 'kg', 'stiffness': 'N/m', 'damping': 'N s/m', 'linear_capacitance': 'F',
          'transformer_ratio': 'N/V'}
@@ -223,6 +224,14 @@ def outdone(shrinkage: dict) -> list[str]:
             'distrust it'
             for channel, false in shrinkage['placebo'].items()
             if false is not None and false > max(shrinkage[channel]['S'], 0.0)]
+
+
+def worsened(shrinkage: dict) -> list[str]:
+    """Return warnings of channels in which what was switched on leaves more than was wrong."""
+    times = {channel: times_worse(row) for channel, row in shrinkage.items() if 'after' in row}
+    return [f'what is switched on makes the {words(channel)} {significant(worse, 2)} times as '
+            'wrong as it was: of that channel it explains nothing'
+            for channel, worse in times.items() if worse is not None]
 
 
 def _interval(evidence: Evidence, base, after, channel, level, share: float

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The diagnosis in sentences: said once here, shown by the report and by the terminal."""
 
+import math
+
 from piezo_stack_sim.gap.quantities import (in_order, listing, percent, percent_with_interval,
                                             probability, quantity,
                                             times_noise, unit_of, words)
@@ -17,6 +19,7 @@ VERDICTS = {
 
 LITTLE = 1.2  # times the noise up to which a simulation agrees as it is
 APART = 1.0  # times the noise by which causes must differ in an experiment to be told apart
+WORSE = 1.2  # times what was wrong, or the noise, from which what is switched on does harm
 HIDDEN = 1.05  # times the noise below which a channel as a whole does not stand out of it
 SEEN = 1.1  # times the noise from which the displacement has a gap to speak of
 QUIET = 'no recording stands out of the noise'  # as a reason begins where that is so
@@ -153,6 +156,15 @@ def shrinkage_channels(diagnosis):
     """Return the channels of ``shrinkage``, without what stands beside them."""
     return {channel: diagnosis['shrinkage'][channel] for channel in in_order(
         set(diagnosis['shrinkage']) - {'placebo', 'ceiling', 'withheld'})}
+
+
+def times_worse(row):
+    """Return how many times as wrong as before a channel is, None where it is not more."""
+    if None in (row['before'], row['after'], row['noise']):
+        return None
+    # What is less than the noise is not known.
+    times = math.sqrt(row['after'] / max(row['before'], row['noise']))
+    return times if times > WORSE else None
 
 
 def reference_score(diagnosis, name, channel):

@@ -140,6 +140,7 @@ def _shrinkage(channel, row, diagnosis):
     figure, interval = percent_with_interval(row['S'], row['ci'], 1)
     return {
         'channel': channel,
+        'worse': wording.times_worse(row) is not None,
         'errors': [{'key': key, 'width': bars.place(error), 'figure': quantity(error, unit),
                     'span': percent(error / span, 2) if span and error is not None else ''}
                    for key, error in errors.items()],
