@@ -55,6 +55,22 @@ def test_two_effects_that_explain_no_more_than_a_third_alone_are_not_believed():
     assert decide(singles, [pair], 0.99, 50.0, []).selected == ('amplifier_bandwidth',)
 
 
+@pytest.mark.parametrize('removed, excess, kin, word', [
+    (0.99, 18.5, True, 'CAUSE'),
+    (0.99, 18.5, False, 'MULTIPLE'),  # nothing in it resembles the one
+    (0.99, 2.0, True, 'MULTIPLE'),  # the one leaves a recording loud, the two do not
+    (0.65, 18.5, True, 'MULTIPLE')])  # the one leaves much
+def test_a_relative_whose_form_another_mends_does_not_take_the_place_of_a_cause(
+        removed, excess, kin, word):
+    singles = [Ranked('sensor_nonlinearity', 425.0, removed, 2, 0.01, 10.0),
+               Ranked('transducer_nonlinearity', 300.0, 0.6, 2, 0.2, 50.0)]
+    pair = Ranked('transducer_nonlinearity+series_compliance', 460.0, 0.9975, 3, 0.005, excess,
+                  second=126.0, part=0.65, over=99.0, form=170.0, wrong=0.03)
+    resembling = {frozenset(('sensor_nonlinearity', 'transducer_nonlinearity'))} if kin else set()
+    verdict = decide(singles, [pair], 0.999, 1e3, [], kin=resembling)
+    assert verdict.word == word
+
+
 def test_a_relative_that_fills_in_what_the_form_of_a_cause_misses_is_no_second_cause():
     singles = [Ranked('thermal_drift', 900.0, 0.98, 2, 0.1),
                Ranked('sensor_drift', 500.0, 0.7, 1, 0.4)]

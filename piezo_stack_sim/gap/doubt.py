@@ -29,7 +29,7 @@ _PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it:
 
 TOLD = 0.6  # part of a gap, all tracks alike or by its power, that a stranger must explain
 LEFT = 0.6  # part of what a cause leaves that one may leave who takes its place
-WORTH = 0.03  # part of the gap that a cause must leave to be asked at all
+WORTH = 0.03, 0.005  # part of the gap that a cause must leave to be asked, any and with structure
 SPOILT = 6.0  # times the power that a channel had, or its noise, that no cause leaves it
 SURER = 10.0  # nats by which a stranger must be better than a cause
 
@@ -59,7 +59,7 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     """
     verdict, best = decision.verdict, decision.singles[0]
     spoilt = _spoilt(search, decision)
-    stranger = _stranger(fitter, search, decision, asked=bool(spoilt))
+    stranger = _stranger(fitter, search, decision, thresholds, asked=bool(spoilt))
     # What is wrong at the terminals is not explained by what lies behind.
     if stranger is not None and (
             stranger.suspect.block == 'drive' or stranger.misread == 'voltage'
@@ -96,7 +96,8 @@ def _known(best: Ranked) -> str:
     return f'{words(best.name)} removes {100.0 * best.removed:.0f} % {OF_ALL}'
 
 
-def _stranger(fitter: Fitter, search: Search, decision: Decision, asked: bool) -> Met | None:
+def _stranger(fitter: Fitter, search: Search, decision: Decision, thresholds: Thresholds,
+              asked: bool) -> Met | None:
     """
     Return what the library lacks and leaves clearly less than all of it, or None.
 
@@ -112,8 +113,8 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision, asked: bool) -
         return max(removable.share(residual), 1.0 - left)
 
     known = decision.chosen(search).residual if verdict.selected else nominal
-    if (not asked and len(verdict.selected) < 2
-            and 1.0 - explained(judge, known) < WORTH):
+    least = WORTH[judge.structure(known) > thresholds.excess]
+    if not asked and len(verdict.selected) < 2 and 1.0 - explained(judge, known) < least:
         return None
     met = meet(fitter, search.nominal)
     if met is None or verdict.block not in (None, met.suspect.block):

@@ -139,6 +139,8 @@ def are_alike_in_form(one: str, other: str) -> bool:
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
+    if _takes_its_place(best, pair, t, kin):
+        return False
     # Else it fills in some cells what the form of the first misses, and no more.
     first = pair.beside or best
     return (pair.form > t.excused and second_explains(best, pair, t, kin)
@@ -146,6 +148,19 @@ def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[
                 pair.left <= t.still * first.left
                 or 1.0 - pair.removed <= t.stays * (1.0 - first.removed)
                 or first.excess > t.heard and pair.excess <= t.halves * first.excess))
+
+
+def _takes_its_place(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]
+                     ) -> bool:
+    """
+    Tell whether two stand for one that explains nearly all: a relative, and what mends its form.
+
+    Unless they silence the recording that the one leaves loudest.
+    """
+    names = pair.name.split('+')
+    return (best.name not in names and best.removed > t.alone
+            and pair.excess >= t.halves * best.excess
+            and any(frozenset((best.name, name)) in kin for name in names))
 
 
 def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
