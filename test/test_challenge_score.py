@@ -65,13 +65,13 @@ def broken(recordings, parameter_file):
     raise ValueError('no')
 
 
-def answered(folder, diagnose):
+def answered(folder, diagnose, seed=3):
     """Return a public folder with labels and answers."""
     out = folder / 'public'
     out.mkdir(parents=True)
     (out / 'challenge.json').write_text(json.dumps({'sets': list(HIDDEN)}))
-    labels.commit(out, {'seed': 3, 'sets': {name: label(*entry)
-                                            for name, entry in HIDDEN.items()}})
+    labels.commit(out, {'seed': seed, 'sets': {
+        name: label(*entry) for name, entry in HIDDEN.items()}})
     for name in HIDDEN:
         answer_set(out, name, diagnose, 'one version')
     return out
@@ -79,7 +79,7 @@ def answered(folder, diagnose):
 
 def test_right_answers_score_full(tmp_path):
     """Every question that the batch puts is answered right, and no alarm is false."""
-    result = score(answered(tmp_path, oracle))
+    result = score([answered(tmp_path, oracle)])
     rates = result['rates']
     for question in ('detected', 'effect', 'block', 'covered', 'both', 'both_open', 'either',
                      'unknown', 'unknown_block', 'right'):
@@ -105,7 +105,7 @@ def test_a_bar_counts_the_sets_with_the_channels_it_is_set_for():
 
 def test_one_answer_for_everything_scores_what_it_deserves(tmp_path):
     """Naming creep always is right once, and overconfident."""
-    rates = (result := score(answered(tmp_path, blind)))['rates']
+    rates = (result := score([answered(tmp_path, blind)]))['rates']
     assert rates['effect']['hits'] == 1 and rates['effect']['of'] == 2
     assert rates['false_alarm']['rate'] == 1.0
     assert rates['both']['rate'] == rates['either']['rate'] == rates['unknown']['rate'] == 0.0
@@ -115,8 +115,8 @@ def test_one_answer_for_everything_scores_what_it_deserves(tmp_path):
 
 def test_a_score_below_its_floor_is_told_with_both_numbers(tmp_path):
     floors = {'detected': 5, 'false_alarm': 0, 'effect': 2, 'unknown': 2}
-    assert missed(score(answered(tmp_path / 'knows', oracle)), floors) == []
-    low = missed(score(answered(tmp_path / 'blind', blind)), floors)
+    assert missed(score([answered(tmp_path / 'knows', oracle)]), floors) == []
+    low = missed(score([answered(tmp_path / 'blind', blind)]), floors)
     assert [line.split(': ')[-1] for line in low] == [
         '1 of 1, expected at most 0', '1 of 2, expected at least 2', '0 of 2, expected at least 2']
 
@@ -133,9 +133,34 @@ def test_floors_that_are_none_are_refused_with_the_file_and_the_mend(tmp_path, t
     assert str(path) in str(refusal.value) and '\n' not in str(refusal.value)
 
 
+def test_batches_are_scored_together(tmp_path):
+    """Rates over all their sets are known better, and so is a calibration."""
+    knows, guesses = answered(tmp_path / 'knows', oracle), answered(tmp_path / 'blind', blind, 4)
+    both = score([knows, guesses])
+    apart = [score([out]) for out in (knows, guesses)]
+    assert both['sets'] == len(both['answers']) == 2 * len(HIDDEN)
+    assert [batch['sets'] for batch in both['batches']] == [len(HIDDEN)] * 2
+    for name, rate in both['rates'].items():
+        assert rate['hits'] == sum(one['rates'][name]['hits'] for one in apart)
+        assert rate['of'] == sum(one['rates'][name]['of'] for one in apart)
+    page.write(both, tmp_path)
+    head = (tmp_path / 'score.md').read_text()[:600]
+    for out in (knows, guesses):
+        assert f'abels `{(out / "labels.sha256").read_text()[:16]}`' in head
+
+
+def test_a_batch_is_not_scored_twice_nor_with_the_labels_of_none(tmp_path):
+    """One line says which, and what was expected."""
+    out = answered(tmp_path, oracle)
+    with pytest.raises(InputError, match='expected each batch once'):
+        score([out, out])
+    with pytest.raises(InputError, match='one file for each of the 2 batches'):
+        score([out, out], [labels.label_file(out)])
+
+
 def test_baselines_are_scored_on_the_same_sets(tmp_path):
     """What the diagnosis notes of simpler criteria, and the commonest effect, get rates too."""
-    baselines = score(answered(tmp_path, oracle))['baselines']
+    baselines = score([answered(tmp_path, oracle)])['baselines']
     assert baselines['bic']['effect']['hits'] == 1
     assert baselines['whiteness']['detected']['rate'] == 0.0
     assert baselines['commonest']['false_alarm']['rate'] == 1.0
@@ -143,7 +168,7 @@ def test_baselines_are_scored_on_the_same_sets(tmp_path):
 
 def test_a_diagnosis_that_fails_is_a_wrong_answer(tmp_path):
     """The batch is scored all the same, and says so."""
-    result = score(answered(tmp_path, broken))
+    result = score([answered(tmp_path, broken)])
     assert len(result['failures']) == len(HIDDEN)
     assert result['rates']['right']['rate'] == 0.0
 
@@ -154,7 +179,7 @@ def test_an_answer_changed_afterwards_is_noticed(tmp_path):
     path = out / 'answers' / 'set_002.json'
     path.write_text(path.read_text().replace('creep', 'sensor_lag'))
     with pytest.raises(InputError, match='changed after'):
-        score(out)
+        score([out])
 
 
 def test_answers_of_two_versions_are_not_mixed(tmp_path):
@@ -174,11 +199,11 @@ def test_answering_goes_on_where_it_stopped_and_refuses_other_code(tmp_path):
     counts = []
     version = answer(out, oracle, jobs=1, again=True, progress=counts.append)
     assert version == code_version() and counts == list(range(len(HIDDEN) + 1))
-    assert score(out)['rates']['right']['rate'] == 1.0
+    assert score([out])['rates']['right']['rate'] == 1.0
     counts.clear()
     answer(out, blind, jobs=1, progress=counts.append)
     assert counts == [len(HIDDEN)]
-    assert score(out)['rates']['right']['rate'] == 1.0
+    assert score([out])['rates']['right']['rate'] == 1.0
 
 
 def test_the_first_sets_of_a_batch_are_answered_and_scored_alone(tmp_path):
@@ -189,11 +214,12 @@ def test_the_first_sets_of_a_batch_are_answered_and_scored_alone(tmp_path):
     counts = []
     answer(out, oracle, jobs=1, progress=counts.append, first=2)
     assert counts == [0, 1, 2]
-    found = score(out, first=2)
+    found = score([out], first=2)
     assert list(found['answers']) == list(HIDDEN)[:2] and found['rates']['right']['rate'] == 1.0
-    assert found['labels_sha256'] == (out / 'labels.sha256').read_text().strip()
+    assert found['batches'][0]['labels_sha256'] == (
+        out / 'labels.sha256').read_text().strip()
     with pytest.raises(InputError, match='no answer yet'):
-        score(out, first=3)
+        score([out], first=3)
 
 
 def test_a_dask_cluster_gives_the_same_answers(tmp_path):
@@ -309,7 +335,7 @@ def test_few_answers_show_a_calibration_error_by_chance():
 
 def test_the_page_holds_every_question_and_the_picture(tmp_path):
     """Markdown tables without holes, and a PNG."""
-    result = score(answered(tmp_path, blind))
+    result = score([answered(tmp_path, blind)])
     page.write(result, tmp_path / 'page')
     text = (tmp_path / 'page' / 'score.md').read_text()
     rows = [line for line in text.splitlines() if line.startswith('|')]

@@ -21,7 +21,12 @@ TEMPLATE = """\
 
 {{ score.sets }} devices: {% for kind, words in kinds.items() if kind in score.kinds -%}
 {{ score.kinds[kind] }} {{ words }}{{ ', ' if not loop.last }}{% endfor %}.
-Labels `{{ score.labels_sha256[:16] }}`, code `{{ score.code[:16] }}`. Rates with 95 % Wilson
+{% for batch in score.batches -%}
+{{ 'Labels' if loop.first else 'labels' }} `{{ batch.labels_sha256[:16] }}`, \
+code `{{ batch.code[:16] }}`\
+{{ ' (%d)' | format(batch.sets) if score.batches | length > 1 else '' }}\
+{{ '. ' if loop.last else '; ' }}
+{%- endfor %}Rates with 95 % Wilson
 intervals. Made by `piezo_stack challenge score`.
 
 | question | rate | interval | sets | bar |

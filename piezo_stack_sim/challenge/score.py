@@ -99,18 +99,18 @@ def missed(result, floors):
     return out
 
 
-def score(public, labels=None, first=None):
+def score(publics, labels=(), first=None):
     """
-    Return the score of the answers in a public folder.
+    Return the score of the answers in public folders, all together.
 
     Parameters
     ----------
-    public : str or Path
-        Folder with ``answers/``.
-    labels : str or Path, optional
-        Label file; beside the folder by default.
+    publics : sequence of str or Path
+        Folders with ``answers/``, each of a batch.
+    labels : sequence of str or Path, optional
+        Their label files; beside the folders by default.
     first : int, optional
-        Only so many sets of the batch, which are in a random order.
+        Only so many sets of each batch, which are in a random order.
 
     Returns
     -------
@@ -120,30 +120,40 @@ def score(public, labels=None, first=None):
     Raises
     ------
     InputError
-        When labels or answers are not those committed to, or are missing.
+        When labels or answers are not those committed to, are missing, or are there twice.
 
     """
-    public = Path(public)
-    revealed = label_files.reveal(public, labels)
-    if set(set_names(public)) != set(revealed['sets']):
-        raise InputError(f'{public}: sets and labels differ; expected the same names in both')
-    answers = read_answers(public, first)
-    asked = {name: revealed['sets'][name] for name in answers}
-    rows, seconds, failures = {}, [], {}
-    for name, label in asked.items():
-        answer, run = answers[name]
-        rows[name] = judge(label, answer, shrinkage_of(public, name, label, answer))
-        seconds.append(run['seconds'])
-        if run['failure']:
-            failures[name] = run['failure']
+    publics = [Path(public) for public in publics]
+    if labels and len(labels) != len(publics):
+        raise InputError(f'labels: {len(labels)}; expected one file for each of the '
+                         f'{len(publics)} batches, in their order, or none')
+    asked, answers, rows, seconds, failures, batches = {}, {}, {}, [], {}, []
+    for public, file in zip(publics, labels or [None] * len(publics)):
+        revealed = label_files.reveal(public, file)
+        if set(set_names(public)) != set(revealed['sets']):
+            raise InputError(f'{public}: sets and labels differ; expected the same names in both')
+        batch = {'labels_sha256': (public / 'labels.sha256').read_text().split()[0]}
+        if any(known['labels_sha256'] == batch['labels_sha256'] for known in batches):
+            raise InputError(f'{public}: its labels are those of another batch named before it; '
+                             'expected each batch once')
+        found = read_answers(public, first)
+        batches.append({**batch, 'sets': len(found),
+                        'code': next(iter(found.values()))[1]['code']})
+        for name, (answer, run) in found.items():
+            key = name if len(publics) == 1 else f'{len(batches)}/{name}'
+            label = revealed['sets'][name]
+            asked[key], answers[key] = label, (answer, run)
+            rows[key] = judge(label, answer, shrinkage_of(public, name, label, answer))
+            seconds.append(run['seconds'])
+            if run['failure']:
+                failures[key] = run['failure']
     found = list(rows.values())
     claims = [entry for row in found for entry in row['shrinkage'].values()]
     return {
         'schema': SCHEMA,
         'sets': len(rows),
         'kinds': dict(Counter(row['kind'] for row in found)),
-        'labels_sha256': (public / 'labels.sha256').read_text().split()[0],
-        'code': next(iter(answers.values()))[1]['code'],
+        'batches': batches,
         'rates': rates(found),
         'ambiguity': {
             'all': summary(row['set_size'] for row in found),

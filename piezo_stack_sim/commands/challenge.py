@@ -71,23 +71,24 @@ def answer_command(folder, again, first, jobs, scheduler):
 
 
 @command.command('score')
-@click.argument('folder', metavar='DIR')
-@click.option('--labels', metavar='FILE', help='Label file.  [default: DIR.labels.json]')
+@click.argument('folders', metavar='DIR...', nargs=-1, required=True)
+@click.option('--labels', metavar='FILE', multiple=True,
+              help='Label file, once for each DIR.  [default: DIR.labels.json]')
 @click.option('--out', metavar='DIR', help='Folder for score.json, score.md and confusion.png.'
-              '  [default: DIR/score]')
+              '  [default: DIR/score, of the first]')
 @click.option('--floors', metavar='FILE', help='JSON of question to the fewest hits (of false '
               'alarms: the most); the status is 2 below them.')
 @first_option
-def score_command(folder, labels, out, floors, first):
-    """Prove the hashes of labels and answers in DIR, and score the answers."""
+def score_command(folders, labels, out, floors, first):
+    """Prove the hashes of labels and answers in each DIR, and score all answers together."""
     import json
     from pathlib import Path
 
     from piezo_stack_sim.atomic import write_text
     from piezo_stack_sim.challenge import page, score
 
-    result = score.score(folder, labels, first)
-    out = Path(out) if out else Path(folder) / 'score'
+    result = score.score(folders, labels, first)
+    out = Path(out) if out else Path(folders[0]) / 'score'
     write_text(out / 'score.json', json.dumps(result, indent=1) + '\n')
     page.write(result, out)
     for name, (text, _) in score.QUESTIONS.items():
