@@ -196,6 +196,8 @@ def test_a_topic_of_another_rate_is_interpolated_with_a_word(tmp_path):
                  for k in range(20)]
     recording = read_bag(bag(tmp_path / 'run', sorted(messages, key=lambda each: each[0])))
     assert np.allclose(recording.measured['charge'][:95], 10.0 * np.arange(95))
+    # Which were measured is known: what lies between tells nothing of the device.
+    assert np.flatnonzero(~recording.filled['charge'])[:5].tolist() == [0, 5, 10, 15, 20]
     assert any('charge came at' in str(each) for each in recording.findings)
 
 

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from piezo_stack_sim.gap.filled import refilled, stride
 from piezo_stack_sim.gap.loudness import louder
 from piezo_stack_sim.gap.noise import ChannelNoise, estimate_noise
 from piezo_stack_sim.plant import Device
@@ -51,6 +52,8 @@ class Track:
         The rows that a fit may see; the others are withheld from it.
     louder : dict of str to float
         How many times the noise of a channel this recording has, where that is not 1.
+    told : dict of str to ndarray, shape (m,)
+        Part of the rows behind an averaged one that was measured, of channels where some were not.
 
     """
 
@@ -61,15 +64,27 @@ class Track:
     zero: dict[str, float]
     fitted: np.ndarray
     louder: Mapping[str, float] = field(default_factory=dict)
+    told: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Return the measured channels, in a fixed order."""
         return tuple(self.measured)
 
-    def average(self, values: np.ndarray) -> np.ndarray:
-        """Average (n,) values over neighbouring rows to (m,)."""
-        return average(values, self.factor)
+    def average(self, values: np.ndarray, channel: str = '') -> np.ndarray:
+        """Average (n,) values over neighbouring rows, of a channel those measured, to (m,)."""
+        plain = average(values, self.factor)
+        part = self.told.get(channel)
+        if part is None:
+            return plain
+        rows = average(values * self.recording.told(channel), self.factor)
+        return np.where(part > 0.0, rows / np.maximum(part, 1e-9), plain)
+
+    def misfit(self, channel: str, simulated: np.ndarray) -> np.ndarray:
+        """Return averaged errors (m,), SI units, of a simulation (n,); 0 where nobody measured."""
+        wrong = self.measured[channel] - self.average(simulated, channel)
+        part = self.told.get(channel)
+        return wrong if part is None else np.where(part > 0.0, wrong, 0.0)
 
     def weighted(self, channel: str, simulated: np.ndarray) -> np.ndarray:
         """
@@ -79,8 +94,7 @@ class Track:
         no fit needs to know of the sensor's zero, and an offset that no single
         row's noise can make still counts.
         """
-        wrong = self.measured[channel] - self.average(simulated)
-        return self.unbiased(channel, wrong) / self.sigma[channel]
+        return self.unbiased(channel, self.misfit(channel, simulated)) / self.sigma[channel]
 
     def unbiased(self, channel: str, wrong: np.ndarray) -> np.ndarray:
         """Return averaged errors (m,), SI units, with the mean weighed by how it is known."""
@@ -205,9 +219,13 @@ def _noise_of(recordings, simulated) -> tuple[dict[str, ChannelNoise], list[dict
 def _deviations(noise: dict[str, ChannelNoise], recording: Recording, factor: int,
                 times: Mapping[str, float]) -> dict[str, float]:
     """Return the deviation of an average over ``factor`` rows, of every channel it measured."""
-    return {c: math.hypot(recording.unsure.get(c, 0.0), times.get(c, 1.0) * noise[c].deviation(
-                recording.period, len(recording), factor))
-            for c in CHANNELS if c in recording.measured and c in noise}
+    def one(c):
+        every = stride(recording, c)
+        of_it = noise[c].deviation(every * recording.period, len(recording) // every,
+                                   max(factor // every, 1))
+        return math.hypot(recording.unsure.get(c, 0.0), times.get(c, 1.0) * of_it)
+
+    return {c: one(c) for c in CHANNELS if c in recording.measured and c in noise}
 
 
 def reweigh(old: Evidence, new: Evidence) -> Callable[[np.ndarray], np.ndarray]:
@@ -248,11 +266,18 @@ def average(values: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _averaging(recording: Recording) -> int:
-    """Return over how many rows to average: a command that mostly rests bears more."""
+    """
+    Return over how many rows to average: a command that mostly rests bears more.
+
+    As many, at least, as pass until the slowest sensor is read again.
+    """
     factor = max(1, int(round(len(recording) / ROWS)))
     moving = np.mean((np.diff(recording.command) != 0.0)
                      | (np.diff(recording.external_force) != 0.0)) if len(recording) > 1 else 1.0
-    return factor if moving > 0.2 else max(factor, int(round(len(recording) / RESTING_ROWS)))
+    if moving <= 0.2:
+        factor = max(factor, int(round(len(recording) / RESTING_ROWS)))
+    every = max((stride(recording, channel) for channel in recording.filled), default=1)
+    return every * max(1, round(factor / every))
 
 
 def prepare(recordings, simulated, device: Device | None = None) -> Evidence:
@@ -273,15 +298,17 @@ def prepare(recordings, simulated, device: Device | None = None) -> Evidence:
     Evidence
 
     """
+    recordings = [refilled(*pair) for pair in zip(recordings, simulated)]
     noise, louder_by = _noise_of(recordings, simulated)
     tracks = []
     for recording, times in zip(recordings, louder_by):
         factor = _averaging(recording)
-        measured = {c: average(recording.measured[c], factor)
-                    for c in CHANNELS if c in recording.measured}
+        measured = [c for c in CHANNELS if c in recording.measured]
+        told = {c: average(recording.told(c).astype(float), factor) for c in recording.filled}
         m = len(recording) // factor
         stretch = np.arange(m) * STRETCHES // max(m, 1)
-        tracks.append(Track(
-            recording, factor, measured, _deviations(noise, recording, factor, times),
-            _deviations(noise, recording, 1, times), stretch % 2 == 0, times))
+        track = Track(recording, factor, {}, _deviations(noise, recording, factor, times),
+                      _deviations(noise, recording, 1, times), stretch % 2 == 0, times, told)
+        tracks.append(replace(track, measured={
+            c: track.average(recording.measured[c], c) for c in measured}))
     return Evidence(tuple(tracks), noise, device)

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 import math
 
 import numpy as np
+from piezo_stack_sim.gap.filled import stride, wrong
 from piezo_stack_sim.gap.noise import ChannelNoise, QUARTER
 from piezo_stack_sim.recording.recording import Recording
 
@@ -55,10 +56,11 @@ def louder(recordings: Sequence[Recording], simulated: Sequence[Mapping[str, np.
     """
     out = []
     for recording, simulation in zip(recordings, simulated):
-        residual = {channel: measured - simulation[channel]
-                    for channel, measured in recording.measured.items()}
+        residual = {channel: wrong(recording, channel, simulation[channel])
+                    for channel in recording.measured}
         power = {channel: _level(residual[channel], recording.period, noise[channel])
-                 for channel in residual if channel in noise}
+                 for channel in residual if channel in noise
+                 and stride(recording, channel) == 1}
         out.append({channel: math.sqrt(level) for channel, level in power.items()
                     if level > MORE and not _is_shared(channel, residual)})
     return out

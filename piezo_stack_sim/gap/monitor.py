@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from piezo_stack_sim.gap.filled import series
 from piezo_stack_sim.gap.forward import simulate_set
 from piezo_stack_sim.gap.noise import white_level
 from piezo_stack_sim.plant import Device
@@ -48,7 +49,7 @@ def without_offset(recordings: Sequence[Recording], device: Device,
             if each.drive == 'voltage' and 'voltage' in each.measured]
     if not read:
         return same
-    wrong = [recordings[i].measured['voltage'] - simulated[i]['voltage'] for i in read]
+    wrong = [series(recordings[i], 'voltage', simulated[i]['voltage'])[0] for i in read]
     noise = [white_level(each) for each in wrong]
     offset = float(np.mean([each.mean() for each in wrong]))
     steady = all(

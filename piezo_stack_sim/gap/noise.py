@@ -20,6 +20,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.gap.filled import series
 from piezo_stack_sim.recording.recording import Recording
 
 # Variance of the third difference of white noise of unit variance.
@@ -113,15 +114,18 @@ def estimate_noise(recordings, simulated, coloured: float = COLOURED,
     for recording, simulation, times in zip(
             recordings, simulated, louder or [{}] * len(recordings)):
         lag = repetition(recording.command, recording.external_force)
-        for channel, measured in recording.measured.items():
-            residual = (measured - simulation[channel]) / times.get(channel, 1.0)
+        for channel in recording.measured:
+            residual, period = series(recording, channel, simulation[channel])
+            residual = residual / times.get(channel, 1.0)
             if residual.size < FEWEST:
                 continue
             floors.setdefault(channel, []).append(white_level(residual))
             bands = spectra.setdefault(channel, [])
-            bands += _bands(residual, recording.period)
+            bands += _bands(residual, period)
+            if residual.size < len(recording):
+                continue  # the inputs repeat by rows of their own
             for difference in _differences(residual, recording, lag):
-                bands += _bands(difference, recording.period)
+                bands += _bands(difference, period)
     for recording in recordings:
         for channel in recording.measured.keys() - spectra.keys():
             raise InputError(f'{recording.source or recording.name}: {len(recording)} rows of '
@@ -283,8 +287,10 @@ def _least(recordings, channel: str) -> float:
     for recording in recordings:
         if channel in recording.measured:
             values = recording.measured[channel]
+            told = recording.told(channel)
+            values = values if told is None else values[told]
             span = max(span, float(np.ptp(values)))
             levels = np.unique(values)
-            if not step and 10 < levels.size < 0.2 * len(recording):
+            if not step and 10 < levels.size < 0.2 * values.size:
                 step = float(np.diff(levels).min())
     return max(step / math.sqrt(12.0), 1e-7 * span, np.finfo(float).tiny)

@@ -10,6 +10,7 @@ import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
+from piezo_stack_sim.gap.filled import series
 from piezo_stack_sim.gap.fit import Fit, Fitter, Free
 from piezo_stack_sim.gap.forward import spans
 from piezo_stack_sim.gap.noise import integrated_correlation
@@ -36,7 +37,7 @@ def gap_part(evidence: Evidence, simulated: list[dict]) -> dict:
             if channel not in track.measured:
                 continue
             measured = track.recording.measured[channel]
-            error = measured - answer[channel]
+            error, _ = series(track.recording, channel, answer[channel])
             if channel != 'voltage' and abs(error.mean()) < ZERO * track.zero[channel]:
                 error = error - error.mean()  # the zero was read off a single row
             wrong.append(error)

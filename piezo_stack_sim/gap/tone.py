@@ -77,7 +77,7 @@ class Tone:
             track = evidence.tracks[i]
             time = track.recording.time - track.recording.time[0]
             angles = 2.0 * np.pi * frequency * np.outer(time, HARMONICS)
-            waves = np.column_stack([track.average(wave(angle)) for angle in angles.T
+            waves = np.column_stack([track.average(wave(angle), channel) for angle in angles.T
                                      for wave in (np.sin, np.cos)])
             # Weighed as the residual is: its mean tells little.
             waves = track.unbiased(channel, waves) / track.sigma[channel]

@@ -74,8 +74,7 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
         out, answer = {}, simulated[i]
         has = track.measured.__contains__
         if recording.drive == 'voltage' and has('voltage'):
-            wrong = track.unbiased('voltage', track.measured['voltage']
-                                   - track.average(answer['voltage']))
+            wrong = track.unbiased('voltage', track.misfit('voltage', answer['voltage']))
             noise = track.sigma['voltage']
             out['drive'] = (wrong * per_volt, noise * per_volt)
             if behind is not None or np.sqrt(np.mean(wrong ** 2)) > LOUD * noise:
@@ -83,8 +82,7 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
                 ideal = without_driver(behind or device)
                 answer = MeasuredVoltage.of(track, device).answer_of(ideal)
         if has('charge'):
-            wrong = track.unbiased('charge', track.measured['charge']
-                                   - track.average(answer['charge']))
+            wrong = track.unbiased('charge', track.misfit('charge', answer['charge']))
             # With the leads open or shorted there is no drive that could be wrong.
             out['charged' if recording.drive == 'charge' else 'electrical'] = (
                 wrong * gain, track.sigma['charge'] * gain)
@@ -93,13 +91,15 @@ def block_residuals(device: Device, evidence: Evidence, simulated, behind: Devic
             noise = track.sigma['displacement']
             if has('charge'):
                 if recording.drive == 'voltage':
-                    out['through'] = (track.unbiased('displacement', track.average(wrong)), noise)
+                    out['through'] = (track.unbiased(
+                        'displacement', track.average(wrong, 'displacement')), noise)
                     out['given'] = _given(track, behind or device, answer, gain)
                 given = recording.measured['charge'] - answer['charge']
                 wrong = wrong - moved_by_charge(device, given, recording.period)
                 noise = math.hypot(noise, track.sigma['charge'] * noise_moved(
                     device, recording.period, track.factor))
-            out['behind'] = (track.unbiased('displacement', track.average(wrong)), noise)
+            out['behind'] = (track.unbiased(
+                'displacement', track.average(wrong, 'displacement')), noise)
         if recording.drive in ('charge', 'open') and has('voltage'):
             out['across'] = _across(track, behind or device, answer, per_volt)
         return out
@@ -133,8 +133,7 @@ def _given(track: Track, device: Device, answer: dict, gain: float) -> tuple[np.
         taken = [_charge(clamped, recording, answer['voltage'] + induced * displacement)
                  for displacement in (moved, answer['displacement'])]
         change = taken[0] - taken[1]
-    wrong = track.unbiased('charge', track.measured['charge']
-                           - track.average(answer['charge'] + change))
+    wrong = track.unbiased('charge', track.misfit('charge', answer['charge'] + change))
     return wrong * gain, track.sigma['charge'] * gain
 
 
@@ -171,7 +170,7 @@ def _across(track: Track, device: Device, answer: dict, per_volt: float
         actuator = device.actuator
         expected = expected - wrong_by('displacement') * (
             actuator.transformer_ratio / actuator.linear_capacitance)
-    wrong = track.unbiased('voltage', track.measured['voltage'] - track.average(expected))
+    wrong = track.unbiased('voltage', track.misfit('voltage', expected))
     return wrong * per_volt, track.sigma['voltage'] * per_volt
 
 

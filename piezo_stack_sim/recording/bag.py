@@ -27,6 +27,9 @@ from piezo_stack_sim.recording.recording import MEASURED
 from piezo_stack_sim.recording.topics import choose_topics
 
 DRIVE_KEY = 'piezo_stack_sim.drive'
+# Columns beside the channels: 1 in rows that lie between the messages of a slower one.
+_BETWEEN = 'between: '
+_SLOWER = 0.8
 # Before the first command the device is at rest; longer rest says nothing more.
 _REST = 0.1
 # Messages that tell a topic which is sent all the time; part of a recording without any.
@@ -262,6 +265,17 @@ def _join(source, name, base, other):
     return np.interp(rows, arrival, value), findings
 
 
+def _between(rows, arrival):
+    """Return which base rows (times, s) lie between messages of a slower topic: none is theirs."""
+    if len(arrival) > _SLOWER * len(rows):
+        return np.zeros(len(rows), dtype=bool)
+    after = np.clip(np.searchsorted(rows, arrival), 1, len(rows) - 1)
+    nearest = after - (arrival - rows[after - 1] < rows[after] - arrival)
+    between = np.ones(len(rows), dtype=bool)
+    between[nearest] = False
+    return between
+
+
 def _times(source, stream):
     """Return the rows' times from zero, s, and a Finding when they are times of arrival."""
     stamps = _stamps(stream)
@@ -390,6 +404,9 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
     columns.update((name, np.array(values)) for name, values in collector.inputs.items())
     for name in (each for each in MEASURED if each in sources):
         columns[name], more = _join(source, name, stream, collector.streams[name])
+        if not np.isnan(columns[name]).any():
+            columns[_BETWEEN + name] = _between(
+                np.array(stream.arrival), np.array(collector.streams[name].arrival)).astype(float)
         findings += more
     rows = 1 + step * np.arange(len(time))
     for name in (each for each in INPUTS[:2] if each in columns and _moves(columns[each])):
@@ -398,6 +415,8 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
     columns, rows, more = _before_the_first(source, columns, rows, stream, collector.first_held)
     findings += more
     columns['time'] = columns['time'] - columns['time'][0]
+    between = {name: columns.pop(_BETWEEN + name) > 0.0 for name in MEASURED
+               if _BETWEEN + name in columns}
     # No force was published before the first one.
     if 'external_force' in columns:
         columns['external_force'] = np.nan_to_num(columns['external_force'], nan=0.0)
@@ -409,7 +428,8 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
                                     'as --unit says'))
     recording = assemble(
         source, columns, stated and checked_drive(source, stated), rows, findings)
-    return recording.replace(timed=True)
+    return recording.replace(timed=True, filled={
+        name: rows for name, rows in between.items() if rows.any()})
 
 
 def _moves(values):

@@ -82,6 +82,8 @@ class Recording:
     unsure : dict of str to float
         Channel to the standard deviation (SI units) of what noise left in the inputs may make of
         its simulation.
+    filled : dict of str to ndarray of bool, shape (n,)
+        Channel to the rows whose value preflight put in, of channels that have such rows.
 
     Raises
     ------
@@ -107,6 +109,7 @@ class Recording:
     unsure: dict[str, float] = field(default_factory=dict)
     timed: bool = False
     scale: float = 1.0
+    filled: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self):
         """Turn what was given into read-only vectors of one length."""
@@ -141,6 +144,10 @@ class Recording:
                 raise InputError(f'{where}: rows have shape {rows.shape}, time {time.shape}')
             rows.flags.writeable = False
             object.__setattr__(self, 'rows', rows)
+        for name, filled in self.filled.items():
+            if filled.shape != time.shape:
+                raise InputError(f'{where}: {name} has {filled.size} rows that were filled in or '
+                                 f'not, time has {time.size}')
         for name, vector in vectors.items():
             object.__setattr__(self, name, vector)
         object.__setattr__(self, 'measured', measured)
@@ -195,6 +202,11 @@ class Recording:
             columns['external_force'] = self.external_force
         return {**columns, **self.measured}
 
+    def told(self, channel):
+        """Return which rows of a channel were measured, shape (n,), or None for all of them."""
+        filled = self.filled.get(channel)
+        return None if filled is None else ~filled
+
     def replace(self, **changes):
         """Return a copy with some attributes changed."""
         return replace(self, **changes)
@@ -219,6 +231,7 @@ class Recording:
             external_force=self.external_force[selection],
             measured={name: values[selection] for name, values in self.measured.items()},
             rows=None if self.rows is None else self.rows[selection],
+            filled={name: rows[selection] for name, rows in self.filled.items()},
         )
 
 

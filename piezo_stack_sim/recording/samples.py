@@ -240,7 +240,9 @@ def _filled_in(recording, channel, bad):
         start = 0
     left_out = [f'the {which} {count} rows are left out' for which, count in
                 (('first', start), ('last', bad.size - end)) if count]
-    recording = recording.replace(measured={**recording.measured, channel: values})
+    recording = recording.replace(
+        measured={**recording.measured, channel: values},
+        filled={**recording.filled, channel: bad | recording.filled.get(channel, False)})
     if left_out:
         recording = recording.take(slice(start, end))
         recording = recording.replace(time=recording.time - recording.time[0])
