@@ -11,9 +11,10 @@ uncertainty, try every effect, then pairs, judge on withheld rows, decide.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import time
 
+import numpy as np
 from piezo_stack_sim.gap import blackbox
 from piezo_stack_sim.gap.ablation import ablations
 from piezo_stack_sim.gap.candidates import search_singles, tune_as_best, weigh_anew
@@ -21,13 +22,14 @@ from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
 from piezo_stack_sim.gap.document import build_document
 from piezo_stack_sim.gap.doubt import doubted
-from piezo_stack_sim.gap.evidence import noisier, prepare, reweigh
+from piezo_stack_sim.gap.evidence import Evidence, noisier, prepare, reweigh
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
 from piezo_stack_sim.gap.given import simulate_given
 from piezo_stack_sim.gap.isolability import isolability
 from piezo_stack_sim.gap.ranked import DEFAULTS, Thresholds
 from piezo_stack_sim.gap.terminals import look_at_terminals
+from piezo_stack_sim.gap.verdict import Verdict
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.finding import renewed
 from piezo_stack_sim.recording.preflight import preflight
@@ -59,6 +61,13 @@ class Diagnosis:
     device: Device
     devices: dict[str, Device]
     seconds: float
+
+
+def _asks_nothing(evidence: Evidence, simulated) -> bool:
+    """Tell whether nothing that was measured should have moved beyond its noise (n,)."""
+    return all(float(np.ptp(answer[channel])) <= track.zero[channel]
+               for track, answer in zip(evidence.tracks, simulated)
+               for channel in track.channels)
 
 
 def _silent(message: str) -> None:
@@ -134,6 +143,11 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     ceiling = Removable(evidence, search.nominal.residual).share(flexible)
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
     decision = doubted(fitter, search, decision, thresholds)
+    if decision.verdict.word == 'NO_GAP' and _asks_nothing(evidence, before):
+        decision = replace(decision, verdict=Verdict(
+            'NOT_IDENTIFIABLE', (), (), 'the inputs move nothing beyond the noise in any '
+            'recording, so that no gap could show: play a programme that moves the device',
+            thresholds.nothing, 1.0 - thresholds.nothing))
     verdict, chosen = decision.verdict, decision.chosen(search)
     better = fitter.in_step(chosen, parallel)
     if better is not chosen:

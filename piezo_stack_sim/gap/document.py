@@ -90,7 +90,7 @@ def build_document(name: str, findings, fitter: Fitter, search: Search, decision
         'ambiguity_set': list(verdict.tie),
         'shrinkage': shrinkage,
         'remaining': {'gap': gap_part(evidence, after),
-                      'structured': verdict.word != 'NO_GAP' and bool(
+                      'structured': not verdict.shows_no_gap and bool(
                           judge.structure(chosen.residual) > thresholds.excess)},
         'next_experiment': None,
         'warnings': [
@@ -112,7 +112,7 @@ def _where_part(fitter: Fitter, search: Search, verdict: Verdict, singles: list[
     cuts = where.block_residuals(
         tuned, evidence, simulated, None if behind is None else fitter.device_with({}, behind))
     suspect = None
-    if verdict.word in UNNAMED and verdict.block is None:
+    if verdict.word in UNNAMED and verdict.block is None and not verdict.shows_no_gap:
         course, felt = Course.of(evidence, simulated, cuts), suspect_block(cuts)
         suspect = (suspect_steps(tuned, evidence, cuts) or suspect_clock(course)
                    or suspect_filter(evidence, simulated, cuts)
@@ -162,7 +162,7 @@ def _causes(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
 
 
 def _block(verdict, fractions: dict, singles: list[Ranked]) -> str | None:
-    if verdict.word == 'NO_GAP':
+    if verdict.shows_no_gap:
         return None
     if verdict.selected:  # of several, the one with most of the gap
         return max((EFFECTS[name].block for name in verdict.selected),

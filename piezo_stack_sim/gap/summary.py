@@ -7,8 +7,8 @@ import textwrap
 from piezo_stack_sim.gap.quantities import (in_order, listing, percent, probability,
                                             quantity, times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.wording import (
-    as_sentence, blocks, cut, next_sentence, reference_score, shrinkage_channels, tied,
-    verdict_sentence, VERDICTS)
+    as_sentence, blocks, cut, next_sentence, reference_score, shows_no_gap, shrinkage_channels,
+    tied, verdict_sentence, VERDICTS)
 
 LINES = 25
 WORTH = 0.01  # share of the gap's power from which a block is worth a word
@@ -98,7 +98,7 @@ def _gap(diagnosis):
         shrunk = shrinkage.get(channel) if diagnosis['selected'] else None
         left = shrunk and shrunk['after']
         ceiling = None
-        if diagnosis['verdict'] != 'NO_GAP':
+        if not shows_no_gap(diagnosis):
             ceiling = reference_score(diagnosis, 'ceiling', channel)
         rows.append((
             f'  {words(channel)}', quantity(gap['rms'], unit), percent(gap['nrmse'], 2),
@@ -114,7 +114,7 @@ def _gap(diagnosis):
 def _where(diagnosis):
     """Return a line on the block and what each cut has, and one on recordings, bands, regimes."""
     where = diagnosis['where']
-    if diagnosis['verdict'] == 'NO_GAP':
+    if shows_no_gap(diagnosis):
         return []
     block, by_cuts = blocks(diagnosis), _largest(
         {cut(name, where): share for name, share in where['shares'].items()}, 3)

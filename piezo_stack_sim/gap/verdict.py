@@ -178,6 +178,11 @@ class Verdict:
     block: str | None = None
     pairs: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def shows_no_gap(self) -> bool:
+        """Whether no gap was seen, for there is none or because nothing was asked."""
+        return self.word == 'NO_GAP' or self.word == 'NOT_IDENTIFIABLE' and not self.tie
+
 
 def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure: float,
            classes: Collection[Collection[str]], thresholds: Thresholds = DEFAULTS,

@@ -58,7 +58,15 @@ def verdict_sentence(diagnosis):
                 f'explains{sure}.')
     if verdict == 'UNKNOWN':
         return f'Nothing in the library explains the gap{sure}{_lies(diagnosis)}{smaller}.'
+    if shows_no_gap(diagnosis):
+        return f'These recordings ask the device nothing, so that no gap could show{sure}.'
     return f'These recordings cannot say what causes the gap{sure}{_lies(diagnosis)}{smaller}.'
+
+
+def shows_no_gap(diagnosis):
+    """Tell whether no gap was seen, for there is none or because nothing was asked."""
+    return diagnosis['verdict'] == 'NO_GAP' or (
+        diagnosis['verdict'] == 'NOT_IDENTIFIABLE' and not diagnosis['ambiguity_set'])
 
 
 def confidence(diagnosis):

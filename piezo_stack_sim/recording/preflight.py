@@ -169,6 +169,10 @@ def _starts(statics):
         if not np.any(recording.command) and not np.any(recording.external_force):
             findings.append(found(recording, 0, NOTE, 'command and force are zero throughout',
                                   'it shows noise and drift only'))
+        elif (recording.command_name and any(recording.start)
+                and not np.ptp(recording.command) and not np.ptp(recording.external_force)):
+            findings.append(found(recording, 0, NOTE, 'command and force stand still throughout',
+                                  'it shows noise and drift only'))
         return recording, findings
     return check
 

@@ -5,7 +5,7 @@
 from piezo_stack_sim.gap.quantities import (in_order, interval, percent, quantity,
                                             times_noise, unit_of, UNKNOWN, words)
 from piezo_stack_sim.gap.schema import BLOCKS
-from piezo_stack_sim.gap.wording import blocks_in_question
+from piezo_stack_sim.gap.wording import blocks_in_question, shows_no_gap
 
 # What flows into each block of the chain; the environment acts on the mechanical block from below
 INPUTS = {'drive': 'command', 'electrical': 'voltage', 'transducer': 'charge',
@@ -21,7 +21,7 @@ def chain_view(diagnosis):
         'blocks': {block: _block(block, diagnosis) for block in BLOCKS},
         'channels': [_channel(channel, diagnosis['gap'][channel], diagnosis)
                      for channel in in_order(diagnosis['gap'])],
-        'no_gap': diagnosis['verdict'] == 'NO_GAP',
+        'no_gap': shows_no_gap(diagnosis),
         'misread': where['block'] == 'sensor' and max(
             where['shares'], key=where['shares'].get, default='sensor') in ('drive', 'electrical'),
         'groups': [(title, rows) for title, rows in (
@@ -42,7 +42,7 @@ def _block(block, diagnosis):
     tied = (block not in cuts and block in cuts.get(named, {}).get('spans', ())
             and block in blocks_in_question(diagnosis))
     share = where['shares'].get(named if tied else block)
-    level = 0 if diagnosis['verdict'] == 'NO_GAP' else sum((share or 0.0) >= s for s in STEPS)
+    level = 0 if shows_no_gap(diagnosis) else sum((share or 0.0) >= s for s in STEPS)
     note = own.get('note') or next((f'in one cut with {other}' for other, row in cuts.items()
                                     if block not in cuts and block in row.get('spans', ())), '')
     paths = ''
