@@ -228,6 +228,15 @@ def test_a_force_counted_in_compression_is_turned():
     assert same(passed, recording)
 
 
+def test_what_a_force_alone_moves_too_little_may_have_its_unit_wrong():
+    """The gain of the sensor would be as good a guess: both are named."""
+    recording = pushed(height=0.0)
+    lone = recording.replace(measured={'displacement': recording.measured['displacement']})
+    far = lone.replace(measured={'displacement': lone.measured['displacement'] / 30.0})
+    told = [each for each in checked(far, slow())[1] if 'times as far' in each]
+    assert len(told) == 1 and 'check the unit of external_force, which alone moves it' in told[0]
+
+
 def test_sign_of_displacement_under_force_alone_is_taken_from_the_other_recordings():
     recording = pushed(height=0.0)
     lone = recording.replace(measured={'displacement': recording.measured['displacement']})

@@ -243,10 +243,13 @@ def _odd(recording, reading, statics):
                     f'its factor, as in --unit {driven}={1.0 / factor:.3g}')
         return [found(recording, None, NOTE, f'{" and ".join(told)}: {factor:.4g} times what '
                       f'{recording.command_name} should do', mend)]
+    mend = 'check its gain; --unit takes factors too'
+    if not np.ptp(recording.command) and np.ptp(recording.external_force):
+        mend = ('check the unit of external_force, which alone moves it, or its gain; --unit takes '
+                'factors too')
     return [
         found(recording, None, NOTE,
-              f'{channel} moves {ratio:.2g} times as far as the device should',
-              'check its gain; --unit takes factors too')
+              f'{channel} moves {ratio:.2g} times as far as the device should', mend)
         for channel, ratio in far.items()
     ]
 
