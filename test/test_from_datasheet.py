@@ -50,10 +50,25 @@ def test_the_file_loads_runs_and_says_what_was_assumed(tmp_path, capsys):
 @pytest.mark.parametrize('arguments, words', [
     ([*ARGUMENTS], '--mass'),
     ([*ARGUMENTS, '--mass', '4e-3', '--hysteresis', '15'], '0.15'),
-    ([*ARGUMENTS[:4], '8.5e6', *ARGUMENTS[5:], '--mass', '4e-3'], 'check the units'),
+    ([*ARGUMENTS[:4], '8.5e6', *ARGUMENTS[5:], '--mass', '4e-3'],
+     '--blocking-force 8.5e+06: expected N'),
     ([*ARGUMENTS[:-2], '150', '0', '--mass', '4e-3'], 'write 0 150'),
 ])
 def test_wrong_numbers_are_named(arguments, words, tmp_path, capsys):
     assert main([*arguments, '--out', str(tmp_path / 'x.yaml')]) == 2
     error = capsys.readouterr().err
     assert words in error and error.count('\n') == 1
+
+
+@pytest.mark.parametrize('option, given, meant', [
+    ('--resonance', '69', '69000'), ('--capacitance', '1.4', '1.4e-06'), ('--mass', '16', '0.016'),
+    ('--length', '20', '0.02'), ('--area', '25', '2.5e-05'),
+    ('--free-stroke', '17.4', '1.74e-05'), ('--hysteresis', '15', '0.15')])
+def test_a_number_in_another_unit_is_named_with_what_it_may_stand_for(
+        option, given, meant, tmp_path, capsys):
+    """What follows from it, a mass of 260 kg say, nobody has given."""
+    out = tmp_path / 'x.yaml'
+    assert main([*ARGUMENTS, option, given, '--out', str(out)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith(f'{option} {given}: expected ') and said.endswith(f'write {meant}')
+    assert '\n' not in said and not out.exists()

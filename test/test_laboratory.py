@@ -7,6 +7,8 @@ It is made by the physics of the blind benchmark, not by that which is fitted to
 """
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 from piezo_stack_sim.cli import main
@@ -117,3 +119,12 @@ def test_only_a_displacement_can_be_arbitrary():
     assert parse_units(['displacement=arbitrary', 'charge=uC']) == {'charge': pytest.approx(1e-6)}
     with pytest.raises(InputError, match='charge.*arbitrary.*no unit of it'):
         parse_units(['charge=arbitrary'])
+
+
+@pytest.mark.parametrize('arguments, words', [
+    (['--seed', '-1'], '--seed -1: expected a whole number'),
+    (['--out', __file__], f'--out {__file__}: File exists; expected a folder')])
+def test_the_example_names_an_argument_that_is_wrong(arguments, words):
+    example = [sys.executable, '-m', 'piezo_stack_sim.examples.laboratory']
+    done = subprocess.run([*example, *arguments], capture_output=True, text=True)
+    assert done.returncode == 2 and words in done.stderr and 'Traceback' not in done.stderr

@@ -5,6 +5,18 @@
 import click
 
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
+#: What a stack without a load may have, in SI units, and the powers of ten by which others differ.
+SIZES = {
+    'free_stroke': (1e-8, 5e-3, 'm', (-6, -3)),
+    'blocking_force': (1e-2, 1e6, 'N', (3,)),
+    'capacitance': (1e-11, 1e-2, 'F', (-6, -9, -12)),
+    'resonance': (300.0, 1e7, 'Hz', (3, 6)),
+    'length': (1e-4, 1.0, 'm', (-3,)),
+    'area': (1e-8, 0.1, 'm2', (-6, -4)),
+    'mass': (1e-7, 10.0, 'kg', (-3, -6)),
+    'hysteresis': (1e-4, 1.0, 'a part of 1', (-2,)),
+}
+HIGHEST = 1e4  # V
 
 
 @click.command('from-datasheet')
@@ -31,10 +43,16 @@ def command(out, model, **numbers):
     from piezo_stack_sim.identify.datasheet import actuator_from, DataSheet
     from piezo_stack_sim.plant.parameters import Device, device_from_mapping, save_device
 
+    for name, number in numbers.items():
+        if name in SIZES and number is not None:
+            wrong = _odd(name, number)
+            if wrong:
+                raise InputError(wrong)
     low, high = numbers['voltage_range']
-    if not low < high:
-        raise InputError(f'--voltage-range {low:g} {high:g}: expected the lowest voltage first; '
-                         f'write {high:g} {low:g}')
+    if not low < high or max(abs(low), abs(high)) > HIGHEST:
+        turned = f'; write {high:g} {low:g}' if high < low else ''
+        raise InputError(f'--voltage-range {low:g} {high:g}: expected the lowest and the highest '
+                         f'voltage, V, such as -20 120{turned}')
     actuator, assumed = actuator_from(DataSheet(**numbers), model)
     device = device_from_mapping(Device(actuator).to_mapping(), 'the data sheet')
     given = ', '.join(f'{name} {value}' for name, value in numbers.items() if value is not None)
@@ -42,3 +60,15 @@ def command(out, model, **numbers):
              f'  {given}.', 'Assumed:', *(f'  {line}.' for line in assumed)]
     save_device(device, out, '\n'.join(lines))
     click.echo('\n'.join([*lines[2:], f'{out}: written']))
+
+
+def _odd(name, number):
+    """Return what is wrong with a number that no stack has, and which it may stand for, or ''."""
+    least, most, unit, powers = SIZES[name]
+    if least <= number <= most:
+        return ''
+    likely = next((power for power in powers if least <= number * 10.0 ** power <= most), None)
+    mend = '' if likely is None else (
+        f'; if that is in another unit, write {number * 10.0 ** likely:g}')
+    return (f'--{name.replace("_", "-")} {number:g}: expected {unit}, from {least:g} to '
+            f'{most:g}{mend}')

@@ -96,12 +96,16 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1, metavar='N',
                         help='of noise, drift and the draw (default %(default)s)')
     options = parser.parse_args()
+    if options.seed < 0:
+        parser.error(f'--seed {options.seed}: expected a whole number, zero or more')
     drawn = list(SECRETS)[int(np.random.default_rng(options.seed).integers(len(SECRETS)))]
     secret = options.secret or drawn
     try:
         write(options.out, '' if secret == 'nothing' else secret, options.seed)
     except (InputError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(error if isinstance(error, InputError) else
+              f'--out {options.out}: {error.strerror}; expected a folder that can be written to',
+              file=sys.stderr)
         return 2
     print(f'{len(runs())} recordings: {options.out}')
     return 0
