@@ -51,6 +51,13 @@ def quick():
     return programmes.multisine(period=0.04, periods=2, lines=25, band=(50.0, 9000.0), rate=40e3)
 
 
+def ramp():
+    time = np.arange(0.0, 1.0, 1e-3)
+    return programmes.triangle().replace(
+        name='ramp', time=time, command=90.0 * np.minimum(time / 0.5, 2.0 - time / 0.5),
+        external_force=np.zeros(time.size), has_force=False)
+
+
 def push():
     return programmes.force(cycles=2, rate=5e3)
 
@@ -123,15 +130,55 @@ def test_what_never_slips_leaves_stiffness_capacitance_and_ratio_open():
         assert estimates[name].determined, name
 
 
-def test_a_slow_ramp_alone_leaves_mass_and_damping_unknown():
-    time = np.arange(0.0, 1.0, 1e-3)
-    ramp = programmes.triangle().replace(
-        name='ramp', time=time, command=90.0 * np.minimum(time / 0.5, 2.0 - time / 0.5),
-        external_force=np.zeros(time.size), has_force=False)
-    estimates = by_name(identify(noisy(answered(ramp), 1)))
+@pytest.mark.parametrize('channels', [CHANNELS, ('displacement',)])
+@pytest.mark.parametrize('start', [None, STACK.replace(actuator={'mass': 0.05, 'damping': 900.0})])
+def test_a_slow_ramp_alone_leaves_mass_and_damping_those_of_the_start(start, channels):
+    found = identify(noisy(answered(ramp(), channels=channels), 1), start)
+    estimates, began = by_name(found), (start or PAPER).actuator
     for name in ('mass', 'damping'):
-        assert not estimates[name].determined
-        assert 'multisine' in estimates[name].advice
+        assert not estimates[name].determined and estimates[name].kept
+        assert getattr(found.device.actuator, name) == getattr(began, name)
+    assert found.device.load == (start or PAPER).load
+    advised = estimates['mass'].advice.partition('(about ')[2].partition(' kHz')[0]
+    stiff = estimates['k + T^2/C'].value
+    assert float(advised) == pytest.approx(
+        1e-3 * math.sqrt(stiff / began.mass) / (2.0 * math.pi), rel=0.01)
+
+
+def test_the_load_of_the_start_counts_in_the_resonance_that_is_advised():
+    loaded = STACK.replace(load={'mass': 5.0, 'stiffness': 1e8})
+    found = identify(noisy(answered(ramp(), device=loaded), 1), loaded)
+    assert found.kept == ['mass', 'damping']
+    stiff = by_name(found)['k + T^2/C'].value + 1e8
+    advised = by_name(found)['mass'].advice.partition('(about ')[2].partition(' kHz')[0]
+    assert float(advised) == pytest.approx(
+        1e-3 * math.sqrt(stiff / 5.02) / (2.0 * math.pi), rel=0.01)
+
+
+def test_a_slow_sensor_makes_no_mass_and_identify_ends_with_a_file(tmp_path, capsys):
+    late = PAPER.with_effects({'sensor_lag': {'time_constant': 3e-3}})
+    write_csv_set(noisy(answered(ramp(), device=late, channels=('displacement',)), 1),
+                  tmp_path / 'set')
+    out = tmp_path / 'actuator.yaml'
+    assert main(['identify', str(tmp_path / 'set'), '--out', str(out)]) == 0
+    assert ('Kept as in NEC/TOKIN AE0505D16, for these recordings do not show it: mass, damping.'
+            in capsys.readouterr().out)
+    assert '  mass = 0.00375 kg   KEPT' in out.read_text(encoding='utf-8')
+    actuator = load_device(out).actuator
+    assert (actuator.mass, actuator.damping) == (0.00375, 150.0)
+
+
+def test_a_heavy_table_has_its_damping_beside_its_mass(tmp_path):
+    table = STACK.replace(load={'mass': 50.0, 'damping': 4e4})
+    shaken = programmes.multisine(period=0.4, periods=2, lines=25, band=(10.0, 900.0), rate=5e3)
+    write_csv_set(noisy(answered(slow(), shaken, push(), device=table), 4), tmp_path / 'set')
+    out = tmp_path / 'actuator.yaml'
+    assert main(['identify', str(tmp_path / 'set'), '--out', str(out), '--elements', '4']) == 0
+    device = load_device(out)
+    assert device.actuator.mass == PAPER.actuator.mass
+    # What its rows show of a motion damped like that is known to some 15 per cent.
+    assert device.load.mass == pytest.approx(50.0, rel=0.2)
+    assert device.actuator.damping + device.load.damping == pytest.approx(4.04e4, rel=0.5)
 
 
 def test_the_file_claims_no_more_than_the_recordings_tell():
@@ -248,6 +295,7 @@ def test_a_mass_whose_resonance_lies_beyond_the_rows_is_not_determined():
     for name in ('mass', 'damping'):  # 12.8 kHz, at 20 kHz
         assert not estimates[name].determined and estimates[name].half_width > 1.0
         assert 'at 3 rows or more to its period' in estimates[name].advice
+        assert estimates[name].kept
     assert estimates['T/C'].determined
 
 

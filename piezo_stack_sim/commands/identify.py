@@ -52,7 +52,7 @@ def _tables(found):
         table.add_row(
             each.name, f'{each.value:.5g}', unit_of(each.name),
             f'+- {100.0 * each.half_width:.2g} %' if each.half_width < 1.0 else 'any',
-            '' if each.determined else 'not determined')
+            '' if each.determined else 'kept, not determined' if each.kept else 'not determined')
     yield table
     fits = Table(title='Misfit', box=box.SIMPLE_HEAD)
     for name in ('recording', 'channel', 'rms', 'of the span'):
@@ -64,6 +64,9 @@ def _tables(found):
         yield f'{name} did not begin relaxed: as after {peak:.3g} V and back'
     if not found.fit.layout.last_slips:
         yield 'The last element never slips in these recordings.'
+    if found.kept:
+        yield (f'Kept as in {found.started_from}, for these recordings do not show it: '
+               f'{", ".join(found.kept)}.')
     for advice in dict.fromkeys(each.advice for each in found.undetermined):
         names = ', '.join(e.name for e in found.undetermined
                           if e.advice == advice)

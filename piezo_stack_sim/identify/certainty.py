@@ -18,6 +18,7 @@ CONFIDENCE = 1.959964  # standard deviations, 95 %
 # (`identify.repeats`) show estimates that scatter by up to so much more than a smooth cost says.
 ROUGH = 1.5
 WIDE = 0.05  # half width of an interval, relative, above which a parameter is not determined
+ANY = 1.0  # half width from which an interval says no more than that it may be anything
 UNKNOWN = 20.0  # half width of what is anything
 ROWS_OF_A_PERIOD = 3  # of the resonance, at the least, in the fastest recording
 MOTION = ('mass', 'damping')
@@ -30,7 +31,8 @@ class Estimate:
     A parameter with its 95 % interval (SI units).
 
     ``determined`` tells whether these recordings fix it, ``advice`` which
-    recording would, empty if they do.
+    recording would, empty if they do; ``kept`` that it is still the number that
+    the identification started from.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Estimate:
     high: float
     determined: bool
     advice: str = ''
+    kept: bool = False
 
     @property
     def half_width(self) -> float:
@@ -46,13 +49,20 @@ class Estimate:
         return 0.5 * math.log(self.high / self.low)
 
 
-def estimates(fit: Fit) -> list[Estimate]:
+def estimates(fit: Fit, kept=()) -> list[Estimate]:
     """
     Return every parameter with its interval.
 
     The covariance is that of weighted least squares with residuals that are
     correlated in time: each channel of each recording counts as many rows as
     its misfit has independent ones.
+
+    Parameters
+    ----------
+    fit : Fit
+        The joint fit.
+    kept : collection of str
+        Names of `MOTION` that were held at the number that the fit started from.
 
     Returns
     -------
@@ -74,10 +84,13 @@ def estimates(fit: Fit) -> list[Estimate]:
     covariance = to_named @ inverse @ spread @ inverse @ to_named.T
     named = layout.named(fit.vector)
     widths = dict(zip(named, ROUGH * CONFIDENCE * np.sqrt(np.maximum(np.diag(covariance), 0.0))))
-    frequency = math.sqrt(named['k + T^2/C'] / named['mass']) / (2.0 * math.pi)
+    load = layout.device.load
+    frequency = math.sqrt((named['k + T^2/C'] + load.stiffness)
+                          / (named['mass'] + load.mass)) / (2.0 * math.pi)
     if frequency > max(track.recording.rate for track in fit.tracks) / ROWS_OF_A_PERIOD:
         # What is seen of so fast a motion hangs on what happens between the rows.
         widths.update(dict.fromkeys(MOTION, UNKNOWN))
+    widths.update(dict.fromkeys(kept, UNKNOWN))
     fixed = {name for name, width in widths.items() if width <= WIDE}
     pushed = any(np.ptp(t.recording.external_force) > 0.0 for t in fit.tracks)
     charged = any('charge' in t.measured or t.recording.drive == 'charge' for t in fit.tracks)
@@ -87,8 +100,13 @@ def estimates(fit: Fit) -> list[Estimate]:
         advice = '' if name in fixed else _advice(
             name, fixed, layout, pushed, charged, frequency)
         result.append(Estimate(name, value, value * math.exp(-width), value * math.exp(width),
-                               name in fixed, advice))
+                               name in fixed, advice, name in kept))
     return result
+
+
+def unseen(certain: list[Estimate]) -> list[str]:
+    """Return what of mass and damping may be anything: the fit invented it."""
+    return [e.name for e in certain if e.name in MOTION and not e.kept and e.half_width >= ANY]
 
 
 def _advice(name, fixed, layout, pushed, charged, frequency) -> str:

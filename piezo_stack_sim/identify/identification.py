@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.identify.certainty import Estimate, estimates
+from piezo_stack_sim.identify.certainty import Estimate, estimates, MOTION, unseen
 from piezo_stack_sim.identify.last_element import let_last_slip, reaching_beyond
 from piezo_stack_sim.identify.piecewise import Pieces
 from piezo_stack_sim.identify.refine import descend, Fit, refine
@@ -18,8 +18,9 @@ from piezo_stack_sim.identify.start import (
     check_signs, find_motion, find_pieces, find_polarised, first_actuator, guess_device,
     static_gains)
 from piezo_stack_sim.identify.tracks import make_tracks
-from piezo_stack_sim.identify.vector import Layout
-from piezo_stack_sim.plant.parameters import Device
+from piezo_stack_sim.identify.vector import Layout, PLACES
+from piezo_stack_sim.plant.parameters import Actuator, Device
+from piezo_stack_sim.plant.parameters.plausibility import implausible
 from piezo_stack_sim.recording.finding import Finding
 from piezo_stack_sim.recording.magnitude import check_amplified
 from piezo_stack_sim.recording.preflight import preflight
@@ -37,7 +38,8 @@ class Identification:
     ``device`` is ready to be saved; ``estimates`` the parameters with their
     intervals; ``curves`` and ``pieces`` the paper's way; ``fit`` the joint
     fit; ``findings`` what preflight said; ``polarised`` names the recordings
-    that did not begin relaxed, with the earlier peak voltage (V).
+    that did not begin relaxed, with the earlier peak voltage (V);
+    ``started_from`` the model that gave what recordings do not show.
     """
 
     name: str
@@ -54,6 +56,11 @@ class Identification:
     def undetermined(self) -> list[Estimate]:
         """Return the parameters that these recordings do not determine."""
         return [each for each in self.estimates if not each.determined]
+
+    @property
+    def kept(self) -> list[str]:
+        """Return the names of what is still what the identification started from."""
+        return [each.name for each in self.estimates if each.kept]
 
     def misfit(self) -> list[tuple[str, str, float, float]]:
         """Return (recording, channel, rms misfit in SI units, share of the channel's span)."""
@@ -123,35 +130,74 @@ def identify(recordings: RecordingSet, start: Device | None = None,
     actuator = first_actuator(pieces, gains, guess, voltages)
     device = device.replace(actuator=actuator)
     layout = Layout(device, len(actuator.maxwell_stiffness), False)
+    held: list[str] = []
+    while True:
+        fit = _joint_fit(layout, layout.vector(actuator), tracks, curves[0], held, told)
+        certain = estimates(fit, held)
+        found = fit.layout.actuator(fit.vector).replace(
+            model=f'identified from {recordings.name}', relative_uncertainty=_uncertainty(certain),
+            **{name: getattr(guess, name) for name in held})
+        identified = _unloaded(device.replace(actuator=found), guess)
+        more = unseen(certain)
+        if not more and _moves_oddly(identified.actuator, guess):
+            more = [name for name in MOTION if name not in held]
+        if not more:
+            break
+        # Once more without what the first fit made of nothing: it shows in all that follows.
+        held += more
+    layout = fit.layout
+    place = layout.size - len(layout.polarised)
+    polarised = {tracks[i].recording.name: float(np.exp(fit.vector[place + j]))
+                 for j, i in enumerate(layout.polarised)}
+    return Identification(
+        recordings.name, identified, certain, curves, pieces, fit,
+        findings, polarised, guess.model)
+
+
+def _joint_fit(layout: Layout, vector, tracks, curve: Curve, held, told) -> Fit:
+    """
+    Fit all recordings at once, from a first actuator whose last element sticks.
+
+    The mass and the damping, as far as named in ``held``, stay those of the first actuator.
+    """
+    places = [PLACES[name] for name in held]
+
+    def free(layout):
+        return [j for j in range(layout.size) if j not in places]
+
     told('mass and damping')
-    vector = find_motion(layout, layout.vector(actuator), tracks)
-    beyond = reaching_beyond(layout, vector, tracks, curves[0].span)
+    vector = find_motion(layout, vector, tracks, places)
+    beyond = reaching_beyond(layout, vector, tracks, curve.span)
     # What an element that slips for the first time leaves behind looks like an earlier history.
-    suspects = [track for i, track in enumerate(tracks)
-                if i not in beyond or not curves[0].relaxed]
+    suspects = [track for i, track in enumerate(tracks) if i not in beyond or not curve.relaxed]
     layout, vector = find_polarised(layout, vector, suspects)
     beyond = [i for i in beyond if tracks[i].number not in layout.polarised]
     inside = [track for i, track in enumerate(tracks) if i not in beyond]
     if beyond and inside:
-        vector = descend(layout, vector, inside, steps=10, told=told)
+        vector = descend(layout, vector, inside, free(layout), steps=10, told=told)
         told('last element')
-        layout, vector = let_last_slip(layout, vector, tracks, beyond, curves[0].span)
-    vector = find_motion(layout, vector, tracks)
-    fit = refine(layout, vector, tracks, told)
-    certain = estimates(fit)
-    found = layout.actuator(fit.vector).replace(
-        model=f'identified from {recordings.name}', relative_uncertainty=_uncertainty(certain))
-    place = layout.size - len(layout.polarised)
-    polarised = {tracks[i].recording.name: float(np.exp(fit.vector[place + j]))
-                 for j, i in enumerate(layout.polarised)}
-    device = device.replace(actuator=found)
-    if found.mass > HEAVIEST:
-        # No stack weighs that much: it carries something.
-        load = replace(device.load, mass=device.load.mass + found.mass - guess.mass)
-        device = device.replace(actuator=found.replace(mass=guess.mass), load=load)
-    return Identification(
-        recordings.name, device, certain, curves, pieces, fit,
-        findings, polarised, guess.model)
+        layout, vector = let_last_slip(layout, vector, tracks, beyond, curve.span)
+    vector = find_motion(layout, vector, tracks, places)
+    return refine(layout, vector, tracks, told, free(layout))
+
+
+def _moves_oddly(actuator: Actuator, guess: Actuator) -> bool:
+    """Tell of an actuator that no stack is like, because of its mass or damping."""
+    usual = actuator.replace(mass=guess.mass, damping=guess.damping)
+    return bool(implausible(actuator) and not implausible(usual))
+
+
+def _unloaded(device: Device, guess: Actuator) -> Device:
+    """Return the device with what no stack weighs under its load, with its damping if need be."""
+    found = device.actuator
+    if found.mass <= HEAVIEST:
+        return device
+    load = replace(device.load, mass=device.load.mass + found.mass - guess.mass)
+    found = found.replace(mass=guess.mass)
+    if found.damping > guess.damping and implausible(found):
+        load = replace(load, damping=load.damping + found.damping - guess.damping)
+        found = found.replace(damping=guess.damping)
+    return device.replace(actuator=found, load=load)
 
 
 def _uncertainty(certain: list[Estimate]) -> float:

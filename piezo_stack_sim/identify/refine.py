@@ -49,7 +49,7 @@ class Fit:
         return misfits(self.layout, self.vector, self.tracks)
 
 
-def refine(layout: Layout, vector, tracks, told=None) -> Fit:
+def refine(layout: Layout, vector, tracks, told=None, free=None) -> Fit:
     """
     Fit all recordings at once.
 
@@ -63,6 +63,8 @@ def refine(layout: Layout, vector, tracks, told=None) -> Fit:
         The recordings, prepared.
     told : callable, optional
         Called with a line of progress after every step.
+    free : sequence of int, optional
+        Entries of the vector that may change; all if not given.
 
     Returns
     -------
@@ -74,14 +76,14 @@ def refine(layout: Layout, vector, tracks, told=None) -> Fit:
     for number, steps in enumerate(STEPS):
         if number:
             tracks = reweighted(tracks, misfits(layout, vector, tracks))
-        vector = descend(layout, vector, tracks, steps=steps, start=start, told=told,
+        vector = descend(layout, vector, tracks, free, steps, start, told,
                          loose=LOOSE if number else FREE)
     tracks = reweighted(tracks, misfits(layout, vector, tracks))
     residual = _residual(layout, vector, tracks)
     # Where an element is about to slip the two sides differ: intervals need their mean.
-    free = range(vector.size)
-    jacobian = 0.5 * (_jacobian(layout, vector, tracks, residual, free)
-                      + _jacobian(layout, vector, tracks, residual, free, -STEP))
+    every = range(vector.size)
+    jacobian = 0.5 * (_jacobian(layout, vector, tracks, residual, every)
+                      + _jacobian(layout, vector, tracks, residual, every, -STEP))
     return Fit(layout, vector, tracks, residual, jacobian, start)
 
 

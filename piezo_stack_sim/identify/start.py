@@ -182,8 +182,15 @@ def _largest_share(last, a, ratio, stiff) -> float:
     return most / (1.0 + most)
 
 
-def find_motion(layout: Layout, vector, tracks) -> np.ndarray:
-    """Return the vector with the best mass and damping: its own, or of a coarse grid."""
+def find_motion(layout: Layout, vector, tracks, kept=()) -> np.ndarray:
+    """
+    Return the vector with the best mass and damping: its own, or of a coarse grid.
+
+    The entries ``kept`` of the vector stay as they are.
+    """
+    kept = list(kept)
+    if {MASS, DAMPING} <= set(kept):
+        return vector
     stiff = math.exp(vector[1])
     fast = sorted(range(len(tracks)), key=lambda i: _quickness(tracks[i].recording))[-3:]
     chosen = [tracks[i] for i in fast]
@@ -193,6 +200,7 @@ def find_motion(layout: Layout, vector, tracks) -> np.ndarray:
         moved = vector.copy()
         m = stiff / (2.0 * math.pi * frequency) ** 2
         moved[MASS], moved[DAMPING] = math.log(m), math.log(2.0 * ratio * math.sqrt(stiff * m))
+        moved[kept] = vector[kept]
         return float(np.sum(weighted(chosen, misfits(layout, moved, chosen)) ** 2)), moved
 
     cost = float(np.sum(weighted(chosen, misfits(layout, vector, chosen)) ** 2))

@@ -21,6 +21,7 @@ import numpy as np
 from piezo_stack_sim.plant.parameters import Actuator, Device
 
 RATIO, OPEN, SPLIT, MASS, DAMPING = range(5)
+PLACES = {'mass': MASS, 'damping': DAMPING}  # in the vector
 LINEAR = 5  # where the Maxwell elements begin
 NEVER = 1.0  # C; an element that breaks here does not, in the simulations of a fit
 SOFTEST = 1e-3  # of 1/C + k_n, the least that k_n can be

@@ -51,12 +51,18 @@ def comment(found: Identification) -> str:
         '', 'Estimates with 95 % intervals (SI units):',
     ]
     for each in found.estimates:
+        if each.kept:
+            lines.append(f'  {each.name} = {each.value:.6g} {unit_of(each.name)}   KEPT as it was '
+                         'taken, NOT DETERMINED by these recordings')
+            continue
         mark = '' if each.determined else '   NOT DETERMINED by these recordings'
         lines.append(f'  {each.name} = {each.value:.6g} [{each.low:.6g}, {each.high:.6g}] '
                      f'{unit_of(each.name)}{mark}')
     if found.device.load.mass > 0.0:
-        lines.append(f'  Of the moving mass {found.device.load.mass:.4g} kg stand under load: it '
-                     'is more than a stack weighs, or the start file said so.')
+        also = f' and {found.device.load.damping:.4g} N s/m of the damping' \
+            if found.device.load.damping > 0.0 else ''
+        lines.append(f'  Of the moving mass {found.device.load.mass:.4g} kg{also} stand under '
+                     'load: it is more than a stack has, or the start file said so.')
     if not found.fit.layout.last_slips:
         lines.append('  The last element never slips in these recordings: read it as a spring.')
     advice = dict.fromkeys(each.advice for each in found.undetermined)
