@@ -144,6 +144,62 @@ def test_inputs_that_no_device_can_be_asked_are_named_with_file_and_row(
     assert str(path) in error and words in error and error.count('\n') == 1
 
 
+@pytest.mark.parametrize('scale, status, words', [
+    (15.0, 2, 'voltage_command reaches 1350 V, far beyond the device'),
+    (2.0, 0, "voltage_command is 180 V there, outside the device's range"),
+    (-1.0, 0, "voltage_command is -90 V there, outside the device's range"),
+    (0.001, 0, 'voltage_command reaches 0.09 V of 150'),
+    (1.0, 0, '')])
+def test_commands_outside_the_range_are_told_as_compare_tells_them(
+        scale, status, words, tmp_path, capsys):
+    path, command = tmp_path / 'run.csv', scale * 900.0 * np.minimum(TIME, 0.2 - TIME)
+    write(path, voltage_command=command)
+    out = tmp_path / 'out'
+    assert main(['simulate', str(path), '--params', PARAMS, '--out', str(out)]) == status
+    error = capsys.readouterr().err
+    assert words in error and error.count('\n') == bool(words)
+    assert (f'{path}: ' in error) == bool(words)
+    assert out.exists() == (status == 0)
+    if scale >= 1.0:  # others are turned or scaled if something was measured beside them
+        write(path, voltage_command=command,
+              displacement=simulate(Device.nominal(), TIME, command).displacement)
+        assert main(['compare', str(path), '--params', PARAMS]) == status
+        told = ' '.join(''.join(capsys.readouterr()).split())
+        assert words in told
+        assert (' range' in told or ' beyond' in told) == bool(words)
+
+
+def test_a_charge_far_beyond_and_a_force_beyond_blocking_are_told(tmp_path, capsys):
+    arguments = ['simulate', str(tmp_path / 'run.csv'), '--params', PARAMS, '--out',
+                 str(tmp_path / 'out')]
+    write(tmp_path / 'run.csv', charge_command=0.04 * TIME)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert 'far beyond the device' in error and '--unit charge_command=mC' in error
+    write(tmp_path / 'run.csv', charge_command=5e-4 * TIME, external_force=-4e4 * TIME)
+    assert main(arguments) == 0
+    assert 'beyond the blocking force' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('time, status, severity, words, last', [
+    (1.7e12 + 1e3 * TIME, 0, 'repaired', 'taken as ms since 1970', 0.199),
+    (1e3 * TIME, 0, 'note', 'rows are 1 s apart: if time is not in s, give its unit', 199.0),
+    (1e6 * TIME, 2, 'refused', 'rows are 1000 s apart: time is hardly in s', None),
+    (5.0 + TIME, 0, None, '', 5.199)])
+def test_times_that_are_hardly_seconds_are_told_as_compare_tells_them(
+        time, status, severity, words, last, tmp_path, capsys):
+    path = tmp_path / 'run.csv'
+    np.savetxt(path, np.column_stack([time, 300.0 * TIME]), delimiter=',', comments='',
+               header='time,voltage_command', fmt='%.17g')
+    assert main(['simulate', str(path), '--params', PARAMS,
+                 '--out', str(tmp_path / 'out')]) == status
+    error = capsys.readouterr().err
+    assert error.startswith(severity or '') and words in error
+    assert error.count('\n') == bool(words)
+    if last:
+        assert read_set(tmp_path / 'out').recordings[0].time[-1] == pytest.approx(last, abs=1e-6)
+
+
 def test_a_seed_without_noise_is_refused(recordings, tmp_path, capsys):
     assert main(['simulate', str(recordings), '--params', PARAMS, '--seed', '3',
                  '--out', str(tmp_path / 'out')]) == 2

@@ -27,13 +27,14 @@ def command(recordings, params, out, maps, units, noise, seed):
     Replay the commands and external forces of SET through the plant.
 
     Writes a recording set with the same names, times and commands, and the voltage, charge and
-    displacement that the model computes.
+    displacement that the model computes. Nothing is clamped: what leaves the device's range is
+    noted, and refused if it is far beyond.
 
     """
     from piezo_stack_sim.atomic import check_file
     from piezo_stack_sim.plant import load_device, simulate
     from piezo_stack_sim.progress import track
-    from piezo_stack_sim.recording.playable import require_playable
+    from piezo_stack_sim.recording.playable import check_played, require_playable
     from piezo_stack_sim.recording.read import read_set
     from piezo_stack_sim.recording.write import write_csv_set
 
@@ -49,8 +50,14 @@ def command(recordings, params, out, maps, units, noise, seed):
     for recording in given.recordings:
         require_playable(recording)
     tell_findings(given)
+    played = []
+    for recording in given.recordings:
+        recording, findings = check_played(recording, device)
+        played.append(recording)
+        for finding in findings:
+            click.echo(str(finding), err=True)
     answers = []
-    for recording in track(given.recordings, 'Simulating'):
+    for recording in track(played, 'Simulating'):
         response = simulate(
             device, recording.time, recording.command, recording.external_force,
             drive=recording.drive, seed=seed, noise=noise)

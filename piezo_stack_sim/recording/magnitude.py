@@ -188,11 +188,7 @@ def check_units(recording, statics):
     """
     powers = _command_powers(recording, statics)
     if not powers:
-        size = float(np.max(np.abs(recording.command)))
-        raise refuse(recording, int(np.argmax(np.abs(recording.command))),
-                     f'{recording.command_name} reaches {size:.4g} '
-                     f'{UNITS[recording.command_name]}, far beyond the device',
-                     f'give its unit, as in --unit {recording.command_name}=mV')
+        raise _far_beyond(recording)
     readings = sorted(
         (_Reading(recording, statics, *each)
          for each in product(powers, _force_powers(recording, statics))),
@@ -208,6 +204,32 @@ def check_units(recording, statics):
     if not best.complete or rivals:
         raise _unexplained(recording, as_is or best)
     return _scaled(recording, best, statics)
+
+
+def check_reach(recording, statics):
+    """
+    Refuse a command far beyond the device's range, where nothing measured tells its unit.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    Raises
+    ------
+    RefusedError
+        As `check_units` refuses what no unit explains.
+
+    """
+    if 0 not in _command_powers(recording, statics):
+        raise _far_beyond(recording)
+    return recording, []
+
+
+def _far_beyond(recording):
+    name, size = recording.command_name, np.abs(recording.command)
+    return refuse(recording, int(np.argmax(size)), f'{name} reaches {np.max(size):.4g} '
+                  f'{UNITS[name]}, far beyond the device',
+                  f'give its unit, as in --unit {name}=m{UNITS[name]}')
 
 
 def _check_gain(recording, reading, statics):

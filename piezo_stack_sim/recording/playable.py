@@ -6,7 +6,10 @@ import numpy as np
 
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.finding import refuse, RefusedError
-from piezo_stack_sim.recording.magnitude import check_limits
+from piezo_stack_sim.recording.magnitude import (
+    check_force, check_limits, check_range, check_reach)
+from piezo_stack_sim.recording.statics import Statics
+from piezo_stack_sim.recording.timing import check_scale
 
 
 def require_finite(recording):
@@ -50,3 +53,40 @@ def require_playable(recording):
             recording, row, f'time {recording.time[row]:.9g} s does not come after '
             f'{recording.time[row - 1]:.9g} s',
             'sort the rows, or split the file between two runs')))
+
+
+def check_played(recording, device):
+    """
+    Check the inputs of a recording against the device that they are played to, as preflight does.
+
+    What was measured plays no part, so that nothing is turned or scaled but times since 1970.
+
+    Parameters
+    ----------
+    recording : Recording
+        After `require_playable`.
+    device : Device
+        That is to answer.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    Raises
+    ------
+    InputError
+        With the row and what to do: a command far beyond the device, rows hardly in seconds.
+
+    """
+    statics, measured = Statics(device), recording.measured
+    recording, findings = recording.replace(measured={}), []
+    for check in (
+        check_scale, lambda each: check_reach(each, statics),
+        lambda each: check_force(each, {}, statics), lambda each: check_range(each, statics),
+    ):
+        try:
+            recording, more = check(recording)
+        except RefusedError as error:
+            raise InputError(str(error)) from None
+        findings += more
+    return recording.replace(measured=measured), findings

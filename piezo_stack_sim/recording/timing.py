@@ -142,6 +142,28 @@ def check_unit(recording):
         Rows so far apart that the unit must be another one.
 
     """
+    recording, findings = check_scale(recording)
+    time = recording.time
+    if time[0] != 0.0:
+        findings.append(found(recording, 0, NOTE, f'time begins at {time[0]:.9g} s',
+                              'counted from the first row'))
+    return recording.replace(time=time - time[0]), findings
+
+
+def check_scale(recording):
+    """
+    Bring times since 1970 in ms, us or ns to seconds; others are kept as they are.
+
+    Returns
+    -------
+    tuple of (Recording, list of Finding)
+
+    Raises
+    ------
+    RefusedError
+        Rows so far apart that the unit must be another one.
+
+    """
     time, findings = recording.time, []
     for limit, scale, unit in _EPOCHS:
         if abs(time[0]) > limit:
@@ -156,10 +178,7 @@ def check_unit(recording):
     if step > _SLOW and not recording.timed:
         findings.append(found(recording, 0, NOTE, f'rows are {step:.6g} s apart',
                               f'if time is not in s, {mend}'))
-    if time[0] != 0.0:
-        findings.append(found(recording, 0, NOTE, f'time begins at {time[0]:.9g} s',
-                              'counted from the first row'))
-    return recording.replace(time=time - time[0]), findings
+    return recording.replace(time=time), findings
 
 
 def check_grid(recording):
