@@ -3,6 +3,8 @@
 """``piezo_stack from-datasheet``: an actuator that shows what its catalogue says."""
 
 import math
+from pathlib import Path
+import re
 
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.identify.datasheet import actuator_from, DataSheet
@@ -45,6 +47,45 @@ def test_the_file_loads_runs_and_says_what_was_assumed(tmp_path, capsys):
     assert math.isinf(device.actuator.maxwell_break_voltage[-1])
     response = simulate(device, [0.0, 0.01, 0.02], [100.0, 100.0, 100.0])
     assert 5e-6 < response.displacement[-1] < 20e-6
+
+
+SIZE = ['--length', '0.02', '--area', '2.5e-5']
+
+
+@pytest.mark.parametrize('more, mass, words', [
+    (['--mass', '0.016', *SIZE, '--resonance', '69000'], 2.6e-4, [
+        'of --resonance, although --mass says 20.5 times as much, --length with --area says '
+        '4.81 times as much', 'give half of it, --resonance 34500']),
+    (['--mass', '0.016', *SIZE], 0.016 / 3.0, [
+        'of --mass, although --length with --area says 0.234 times as much']),
+    ([*SIZE, '--resonance', '34500'], 1.04e-3, []),
+    (['--mass', '0.0037', *SIZE, '--resonance', '34500'], 1.04e-3, [])])
+def test_numbers_for_the_mass_that_disagree_are_told_in_one_line(
+        more, mass, words, tmp_path, capsys):
+    out = tmp_path / 'sheet.yaml'
+    assert main([*ARGUMENTS, *more, '--out', str(out)]) == 0
+    printed = capsys.readouterr().out
+    told = [line for line in printed.splitlines() if 'although' in line]
+    assert len(told) == bool(words)
+    for word in words:
+        assert word in told[0] and word in out.read_text(encoding='utf-8')
+    assert load_device(out).actuator.mass == pytest.approx(mass, rel=0.01)
+
+
+def test_the_stack_of_the_how_to_has_the_mass_of_its_size():
+    # The 69 kHz of the stack free at both ends would give a quarter of it.
+    by_size, _ = actuator_from(DataSheet(**{**SHEET, 'resonance': None}, length=0.02, area=25e-6))
+    by_resonance, _ = actuator_from(DataSheet(**SHEET))
+    assert by_resonance.mass == pytest.approx(by_size.mass, rel=0.2)
+
+
+def test_the_how_tos_give_the_resonance_with_one_end_held():
+    pages = Path(__file__).resolve().parent.parent / 'doc' / 'how-to'
+    if not pages.is_dir():
+        pytest.skip('the tests run outside a checkout')
+    for page in pages.glob('*.md'):
+        given = re.findall(r'--resonance (\d+)', page.read_text(encoding='utf-8'))
+        assert set(given) <= {'34500'}, page.name
 
 
 @pytest.mark.parametrize('arguments, words', [

@@ -29,7 +29,7 @@ HIGHEST = 1e4  # V
 @click.option('--voltage-range', type=(float, float), required=True, metavar='LOW HIGH',
               help='Lowest and highest voltage, V.')
 @click.option('--resonance', type=POSITIVE, metavar='HZ',
-              help='Resonance with one end held, Hz.')
+              help='Resonance with one end held, Hz; half of that of a stack free at both ends.')
 @click.option('--length', type=POSITIVE, metavar='M', help='Length of the stack, m.')
 @click.option('--area', type=POSITIVE, metavar='M2', help='Cross-section of the stack, m2.')
 @click.option('--mass', type=POSITIVE, metavar='KG', help='Mass of the stack, kg.')

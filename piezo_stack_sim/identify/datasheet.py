@@ -21,6 +21,7 @@ SHARE = 6.0 / 89.333  # k/(k + T^2/C) of Table 1; nothing in a catalogue shows i
 # voltage, and the share that each has in the softening of the rising curve.
 BREAKS = np.array([0.004, 0.02, 0.08, 0.15, 0.25, 0.5])
 SOFTENING = np.array([0.03, 0.02, 0.16, 0.18, 0.17, 0.44])
+ALIKE = 1.5  # factor between two ways to the moving mass that the rough model leaves open
 INNER, OUTER = 22, 16  # bisections
 
 
@@ -31,8 +32,9 @@ class DataSheet:
 
     ``free_stroke`` (m) and ``blocking_force`` (N) at the top of
     ``voltage_range`` (V), ``capacitance`` (F) for large signals, ``resonance``
-    (Hz) with one end held, ``length`` (m), ``area`` (m2), ``mass`` (kg),
-    ``hysteresis`` the loop width as a share of the stroke.
+    (Hz) with one end held (half of that with both ends free), ``length`` (m),
+    ``area`` (m2), ``mass`` (kg) of the stack, ``hysteresis`` the loop width as
+    a share of the stroke.
     """
 
     free_stroke: float
@@ -100,7 +102,7 @@ def actuator_from(sheet: DataSheet, model: str = 'from data sheet'
     share = min(SHARE, 0.8 * total * a / ratio / (1.0 + 0.8 * total * a / ratio))
     stiff = a * ratio
     k, C = share * stiff, (1.0 - share) * stiff / ratio ** 2
-    mass = _mass(sheet, stiff, shorted, assumed)
+    mass = _mass(sheet, shorted, assumed)
     assumed.append(f'damping ratio {DAMPING_RATIO:g} with open leads, as in Table 1')
     assumed.append(f'{BREAKS.size + 1} Maxwell elements spread as in Table 2 of the paper, scaled '
                    'to the loop width; the last one never slips')
@@ -113,20 +115,33 @@ def actuator_from(sheet: DataSheet, model: str = 'from data sheet'
     return _with_loop(plain, hysteresis, charge, swing), assumed
 
 
-def _mass(sheet, stiff, shorted, assumed) -> float:
+def _mass(sheet, shorted, assumed) -> float:
     """Return the moving mass (kg): from the resonance, else a third of the stack's mass."""
+    third = 'moving mass a third of the stack: one end held, strain even'
+    ways = []
     if sheet.resonance is not None:
-        assumed.append('resonance with one end held and the leads shorted; m = k_s/(2 pi f)^2')
-        return shorted / (2.0 * math.pi * sheet.resonance) ** 2
-    mass = sheet.mass
-    if mass is None:
-        if sheet.length is None or sheet.area is None:
-            raise InputError('no --resonance, no --mass, and not both --length and --area: '
-                             'expected one of them for the moving mass; give one')
-        mass = DENSITY * sheet.length * sheet.area
-        assumed.append(f'density {DENSITY:g} kg/m3')
-    assumed.append('moving mass a third of the stack: one end held, strain even')
-    return mass / 3.0
+        ways.append(('--resonance', shorted / (2.0 * math.pi * sheet.resonance) ** 2, [
+            'resonance with one end held and the leads shorted; m = k_s/(2 pi f)^2']))
+    if sheet.mass is not None:
+        ways.append(('--mass', sheet.mass / 3.0, [third]))
+    if sheet.length is not None and sheet.area is not None:
+        ways.append(('--length with --area', DENSITY * sheet.length * sheet.area / 3.0,
+                     [f'density {DENSITY:g} kg/m3', third]))
+    if not ways:
+        raise InputError('no --resonance, no --mass, and not both --length and --area: '
+                         'expected one of them for the moving mass; give one')
+    (used, mass, why), *others = ways
+    assumed += why
+    off = [(name, other / mass) for name, other, _ in others
+           if not 1.0 / ALIKE < other / mass < ALIKE]
+    if off:
+        rest = ', '.join(f'{name} says {ratio:.3g} times as much' for name, ratio in off)
+        mend = ''
+        if used == '--resonance' and any(4.0 / ALIKE < ratio < 4.0 * ALIKE for _, ratio in off):
+            mend = (f'; if {sheet.resonance:g} Hz is that of the stack free at both ends, give '
+                    f'half of it, --resonance {0.5 * sheet.resonance:g}')
+        assumed.append(f'moving mass {mass:.3g} kg, of {used}, although {rest}{mend}')
+    return mass
 
 
 def _with_loop(plain: Actuator, hysteresis, charge, swing) -> Actuator:
