@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from piezo_stack_sim.cli import main
+from piezo_stack_sim.identify.certainty import WIDE
 from piezo_stack_sim.identify.identification import identify
 from piezo_stack_sim.identify.piecewise import choose_pieces, fit_pieces
 from piezo_stack_sim.identify.repeats import known, noisy, replayed
@@ -311,8 +312,20 @@ def test_a_folder_is_no_file_to_write_to_and_that_is_told_before_the_fit(tmp_pat
 @with_reference
 @pytest.mark.slow
 def test_the_paper_s_device_comes_back_from_the_reference_recordings():
+    """
+    What the terminals and the tip show comes back to a hundredth of a per cent.
+
+    The reference recordings are right to 3e-5 of their span: a plant that has converged differs
+    from them by so much.  How k + T^2/C is split shows in less than that, so that k, C and T are
+    asked for as what is called determined is.
+    """
     found, truth = identify(read_set(REFERENCE)), known(PAPER)
     estimates = by_name(found)
+    split = ('stiffness', 'linear_capacitance', 'transformer_ratio')
     for name, value in truth.items():
-        bar = 0.01 if name.startswith('maxwell') else 0.005
+        bar = 0.01 if name.startswith('maxwell') else WIDE if name in split else 0.005
         assert estimates[name].value == pytest.approx(value, rel=bar), name
+    k, c, t = (truth[name] for name in split)
+    for name, value in {'T/C': t / c, 'k + T^2/C': k + t ** 2 / c, '1/C + maxwell_stiffness[-1]':
+                        1.0 / c + truth['maxwell_stiffness[9]']}.items():
+        assert estimates[name].value == pytest.approx(value, rel=1e-4), name
