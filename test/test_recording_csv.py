@@ -151,6 +151,42 @@ def test_brackets_behind_a_mapped_column_give_its_unit(tmp_path):
         ['displacement=um'])).measured['displacement'][1] == pytest.approx(1e-13)
 
 
+@pytest.mark.parametrize('header, factor', [
+    ('displacement [microns]', 1e-6), ('displacement (Micrometers)', 1e-6),
+    ('displacement_micron', 1e-6), ('displacement [Å]', 1e-10), ('displacement [A\u030a]', 1e-10),
+    ('displacement [\u212b]', 1e-10), ('displacement [angstrom]', 1e-10), ('time [sec]', 1.0),
+    ('time (seconds)', 1.0), ('time [min]', 60.0), ('time [h]', 3600.0), ('time [msec]', 1e-3),
+    ('voltage_command [Volts]', 1.0), ('voltage_command [kilovolt]', 1e3)])
+def test_common_words_are_units(tmp_path, header, factor):
+    channel = header.replace('_micron', ' ').split()[0]
+    read = read_csv(written(tmp_path, GOOD.replace(channel, header)))
+    plain = read_csv(written(tmp_path, GOOD))
+    assert read.columns()[channel] == pytest.approx(plain.columns()[channel] * factor)
+    word = header.strip(')]').replace('_micron', ' micron').split()[-1].strip('([')
+    assert parse_units([f'{channel}={word}']) == {channel: pytest.approx(factor)}
+
+
+@pytest.mark.parametrize('channel', ['time', 'voltage_command', 'displacement'])
+def test_a_channel_in_an_unknown_unit_is_named_and_mended_by_saying_which(tmp_path, channel):
+    for word in ('Vpp', 'counts', '°', '2.5*um', '1e-6 m'):
+        path = written(tmp_path, GOOD.replace(channel, f'{channel} [{word}]'))
+        wrong = error(path)
+        assert wrong.startswith(
+            f": column '{channel} [{word}]': '{word}' is no unit of {channel} that is known")
+        assert f'--unit {channel}=' in wrong
+        base = {'time': 's', 'voltage_command': 'V', 'displacement': 'm'}[channel]
+        read = read_csv(path, units=parse_units([f'{channel}=m{base}'])).columns()[channel]
+        assert read == pytest.approx(
+            read_csv(written(tmp_path, GOOD, 'plain.csv')).columns()[channel] * 1e-3)
+
+
+def test_what_is_behind_a_second_column_of_a_channel_is_its_own_affair(tmp_path):
+    for name in ('displacement [raw]', 'displacement (2)'):
+        path = written(tmp_path, GOOD.replace('\n', ',7\n').replace('displacement,7', (
+            f'displacement,{name}')))
+        assert read_csv(path).measured['displacement'].tolist() == [0.0, 1e-7, 2.5e-7]
+
+
 @pytest.mark.parametrize('channel, name, factor', [
     ('displacement', 'displacement_um', 1e-6), ('displacement', 'Displacement (nm)', 1e-9),
     ('voltage_command', 'voltage_command_mV', 1e-3), ('voltage_command', 'voltage_mV', 1e-3),

@@ -19,7 +19,7 @@ from piezo_stack_sim.recording.assemble import (
 )
 from piezo_stack_sim.recording.finding import Finding, NOTE, REPAIRED, shown
 from piezo_stack_sim.recording.mapping import (
-    boxed, boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
+    boxed, boxed_channel, boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
 from piezo_stack_sim.recording.recording import UNITS
 
 _BLOCK = 1 << 22
@@ -186,6 +186,8 @@ class _Columns:
                       if tag and tag[0] == channel]
             if places or tagged:
                 self._put(channel, places + [i for i, _ in tagged], channel)
+            else:
+                self._put_unknown(channel, units)
             if tagged:
                 self._note(tagged[0][0], f'the header gives {channel} in {tagged[0][1][1]}')
                 self.scale[channel] = tagged[0][1][2]
@@ -219,6 +221,20 @@ class _Columns:
             raise InputError(f'{self.path}: column {shown(name)}: '
                              f'{str(error).removeprefix("--unit ")}; --unit {channel}=... '
                              'overrules it') from None
+
+    def _put_unknown(self, channel, units):
+        """Take the column that has a channel's name and brackets that nobody understands."""
+        # A number there is that of a sensor.
+        places = [i for i, name in enumerate(self.names)
+                  if boxed_channel(name) == channel and not boxed(name).isdigit()]
+        if places and channel not in units:
+            name, unit = self.names[places[0]], UNITS[channel]
+            raise InputError(
+                f'{self.path}: column {shown(name)}: {shown(boxed(name))} is no unit of {channel} '
+                f'that is known: expected {unit} with a prefix of k, m, u, n, p: say what it is, '
+                f'as in --unit {channel}={"u" * (unit in "mC")}{unit}, or rename the column')
+        if places:
+            self._put(channel, places, channel)
 
     def _unit(self, channel, header):
         """Return the factor to SI of a unit in the row of units."""

@@ -12,7 +12,8 @@ file, or, beginning with a slash, a topic of a bag with an optional path into it
 
 ``--unit CHANNEL=UNIT`` says what its numbers mean: a unit (``um``, ``mV``, ``uC``, ``ms``), a
 factor to the SI unit (``20`` for the volts of an amplifier of gain 20), a factor and a unit
-(``2.5*um``), each with an optional sign (``-um``, ``-1``).
+(``2.5*um``), each with an optional sign (``-um``, ``-1``). Common words are units, too
+(``microns``, ``seconds``, ``min``).
 
 Nothing here is evaluated: both are matched against a grammar.
 """
@@ -20,6 +21,7 @@ Nothing here is evaluated: both are matched against a grammar.
 from dataclasses import dataclass
 import difflib
 import re
+import unicodedata
 
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.recording.finding import shown
@@ -33,8 +35,23 @@ _TOPIC = re.compile(r'/[A-Za-z0-9_~]+(?:/[A-Za-z0-9_]+)*')
 _FIELD = re.compile(r'\.([A-Za-z][A-Za-z0-9_]*)|\[([0-9]{1,6})\]')
 _UNIT = re.compile(
     r'(?P<sign>[+-])?\s*(?:(?P<factor>\d+(?:\.\d*)?(?:[eE][+-]?\d{1,3})?)\s*\*?)?'
-    r'\s*(?P<unit>[A-Za-zµμ]*)'
+    r'\s*(?P<unit>[^\W\d_]*)'
 )
+# What people write in place of a symbol, in any case: its SI unit and its size in that.
+_WORDS = {
+    **{f'{prefix}{word}{plural}': (base, size)
+       for prefix, size in (('', 1.0), ('kilo', 1e3), ('milli', 1e-3), ('micro', 1e-6),
+                            ('nano', 1e-9), ('pico', 1e-12))
+       for word, base in (('meter', 'm'), ('metre', 'm'), ('second', 's'), ('volt', 'V'),
+                          ('coulomb', 'C'), ('newton', 'N'))
+       for plural in ('', 's')},
+    **dict.fromkeys(('micron', 'microns'), ('m', 1e-6)),
+    **dict.fromkeys(('å', 'ångström', 'angstrom', 'angstroms'), ('m', 1e-10)),
+    **dict.fromkeys(('sec', 'secs'), ('s', 1.0)),
+    **dict.fromkeys(('min', 'mins', 'minute', 'minutes'), ('s', 60.0)),
+    **dict.fromkeys(('h', 'hr', 'hour', 'hours'), ('s', 3600.0)),
+    'msec': ('s', 1e-3), 'usec': ('s', 1e-6),
+}
 # What looks like a unit and is none of a channel, or none of the SI.
 _OTHER_UNITS = {
     'min', 'h', 'sec', 'msec', 'usec', 'A', 'mA', 'uA', 'W', 'K', 'C/V', 'Hz', 'kHz', 'Pa', 'kPa',
@@ -176,11 +193,14 @@ def unit_scale(quantity, text):
 
     """
     base = UNITS[quantity]
-    match = _UNIT.fullmatch(text.strip())
+    # Composed, for the one letter that stands in a unit and has a ring.
+    match = _UNIT.fullmatch(unicodedata.normalize('NFC', text.strip()))
     scale = None
     if match and (match['unit'] or match['factor']):
         unit = match['unit'] or base
         scale = _PREFIXES.get(unit[:-len(base)]) if unit.endswith(base) else None
+        of, size = _WORDS.get(unit.lower(), (None, None))
+        scale = size if scale is None and of == base else scale
     if match and scale:
         scale *= float(match['factor'] or 1.0) * (-1.0 if match['sign'] == '-' else 1.0)
     if not scale or not 1.0 / _HUGE <= abs(scale) <= _HUGE:
@@ -249,6 +269,13 @@ def boxed(header):
     return (match['boxed'] or '').strip() if match else ''
 
 
+def boxed_channel(header):
+    """Return the channel before the brackets of ``displacement [anything]``, None if none is."""
+    match = _HEADER_UNIT.fullmatch(header.strip()[:80])
+    name = match['name'].strip().lower() if match and match['boxed'] else None
+    return name if name in UNITS else None
+
+
 def boxed_unit(channel, header):
     """
     Take the brackets of a column of any name that is mapped to a channel: ``x [um]``.
@@ -273,7 +300,7 @@ def boxed_unit(channel, header):
 
 def _tagged(channel, unit):
     """Return the channel, unit and factor; None if it is none."""
-    unit = unit.strip()
+    unit = unicodedata.normalize('NFC', unit.strip())
     # Letters alone: 'displacement_2' is a second sensor, not a displacement in units of 2 m.
     if not unit.isalpha():
         return None
