@@ -119,7 +119,78 @@ def test_decimals_may_be_written_with_a_comma(tmp_path, text):
 ])
 def test_decimals_are_written_in_one_way(tmp_path, text):
     assert error(written(tmp_path, text)).endswith(
-        'is not a number: write all decimals with a point')
+        'is not a number: write all decimals with a point, and nothing between thousands')
+
+
+@pytest.mark.parametrize('above', [
+    'Operator;Smith\nDate;2024-01-02\n\n', '%date 2024\n', '# fine\nLab,A,B\n',
+    'LabVIEW Measurement\t\nWriter_Version\t2\n***End_of_Header***\n'])
+@pytest.mark.parametrize('mapping', [None, ['time=time']])
+def test_lines_above_the_header_are_named_as_such(tmp_path, above, mapping):
+    row = above.count('\n') + 1
+    for good in (GOOD, GOOD.replace('time', 'X_Value'), GOOD.replace(',', ';')):
+        wrong = error(written(tmp_path, above + good), mapping=parse_mapping(mapping))
+        assert (f'the header seems to be row {row}: remove the lines above it, or begin each of '
+                'them with #') in wrong
+    read_csv(written(tmp_path, ''.join(f'# {line}\n' for line in above.split('\n')) + GOOD))
+
+
+def test_a_first_line_of_one_cell_may_stand_above_the_header(tmp_path):
+    wrong = error(written(tmp_path, 'measured today\nt,u,x\n0,1,2\n'))
+    assert 'if its header stands below row 1, remove the lines above it' in wrong
+
+
+@pytest.mark.parametrize('between, word', [
+    (' ', 'spaces'), ('   ', 'spaces'), ('|', '|'), (' | ', '|')])
+def test_another_separator_is_named(tmp_path, between, word):
+    wrong = error(written(tmp_path, GOOD.replace(',', between)))
+    assert f'separated by {word}: expected commas, semicolons or tabs' in wrong
+
+
+def test_decimal_commas_between_commas_are_named(tmp_path):
+    text = 'time,voltage_command,displacement\n0,0,0\n0,001,0,2,4e-09\n'
+    wrong = error(written(tmp_path, text))
+    assert wrong.startswith(': row 3: 5 cells, but the header has 3: if its decimals are written')
+    assert 'semicolons or tabs' in wrong
+    assert error(written(tmp_path, GOOD.replace('1e-7', '1e-7,4'))).endswith(
+        'the header has 3: mend or remove the row')
+
+
+def test_two_columns_of_one_name_are_told_apart_in_the_file(tmp_path):
+    path = written(tmp_path, GOOD.replace('\n', ',7\n').replace('displacement,7', (
+        'displacement,displacement')))
+    for mapping in (None, parse_mapping(['displacement=displacement'])):
+        assert error(path, mapping=mapping) == (
+            ": columns 3 and 4 are both 'displacement': rename one in the file")
+    path = written(tmp_path, GOOD.replace('\n', ',7\n').replace('displacement,7', (
+        'displacement [um],displacement [m]')))
+    assert "choose with --map 'displacement=displacement [um]'" in error(path)
+    assert read_csv(path, parse_mapping(['displacement=displacement [um]'])).measured
+
+
+@pytest.mark.parametrize('cell', ['2024-05-07T10:00:00.0', '10:00:00.5', '-', '07.05.2024'])
+@pytest.mark.parametrize('delimiter', [',', ';'])
+def test_a_time_that_is_not_a_number_is_expected_in_seconds(tmp_path, cell, delimiter):
+    wrong = error(written(tmp_path, GOOD.replace('0.001', cell).replace(',', delimiter)))
+    assert wrong.startswith(f": row 3, column 'time': '{cell}' is not a number: ")
+    assert 'seconds' in wrong
+
+
+def test_marks_between_thousands_are_not_taken_for_a_missing_value(tmp_path):
+    assert error(written(tmp_path, GOOD.replace('1e-7', '"1,234.5"'))).endswith(
+        'is not a number: write all decimals with a point, and nothing between thousands')
+
+
+@pytest.mark.parametrize('cell', ['#N/A', 'OVERRANGE', '-', '---', 'O.L'])
+@pytest.mark.parametrize('delimiter', [',', ';'])
+def test_a_value_that_is_not_a_number_may_be_left_empty(tmp_path, cell, delimiter):
+    text = GOOD.replace(',', delimiter)
+    wrong = error(written(tmp_path, text.replace('1e-7', cell)))
+    assert wrong == (f": row 3, column 'displacement': '{cell}' is not a number: expected a "
+                     'number: leave the cell empty or write NaN if there is none')
+    for mended in ('', 'NaN'):
+        assert np.isnan(read_csv(
+            written(tmp_path, text.replace('1e-7', mended))).measured['displacement'][1])
 
 
 def test_a_row_of_units_may_follow_the_names(tmp_path):

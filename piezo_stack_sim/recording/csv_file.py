@@ -28,6 +28,7 @@ _SPREADSHEET = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # what tells Excel the 
 _LONGEST_LINE = 1 << 20
 MINUS = '\u2212'
 _MISSING = {'', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none'}
+_PREAMBLE = 200  # lines below the first in which a header is looked for
 _BROKEN = (EOFError, gzip.BadGzipFile, zlib.error)
 
 
@@ -125,8 +126,8 @@ class _Header:
                 f'{path}: row {number}: numbers where the names of the columns should be: '
                 'put a header there, such as time,voltage_command,displacement'
             )
-        self.row = number
-        self.rest = block[position:]
+        self.row = self._first = number
+        self.rest = self._below = block[position:]
         self.decimal = None  # how fractions are written, from the first that is met
         self.units = self._take_units()
 
@@ -136,6 +137,22 @@ class _Header:
             raise InputError(f'{self.path}: row {number}: drive {drive}, after drive {self.drive} '
                              'above: a recording has one drive: remove the wrong line')
         self.drive = drive
+
+    def misplaced(self):
+        """Return what to say of a header that is none: lines above it, or another separator."""
+        remove = 'remove the lines above it, or begin each of them with #'
+        for number, line in enumerate(self._below.split(b'\n', _PREAMBLE)[:_PREAMBLE]):
+            text = line.decode('utf-8', 'replace').strip()
+            if sum(map(_is_channel, re.split(r'[,;\t]', text))) > 1:
+                return f'the header seems to be row {self._first + 1 + number}: {remove}'
+        if len(self.names) > 1:
+            return ''
+        words = re.split(r'[\s|]+', self.names[0])
+        if any(map(_is_channel, words)) and len(words) > 1:
+            return ('its columns seem to be separated by '
+                    f'{"|" if "|" in self.names[0] else "spaces"}: expected commas, semicolons or '
+                    'tabs: put them there')
+        return f'if its header stands below row {self._first}, {remove}'
 
     def _take_units(self):
         """Return the cells of a row of units below the names, and go past it; none if not so."""
@@ -148,6 +165,12 @@ class _Header:
             return [''] * len(self.names)
         self.rest, self.row = rest, self.row + 1
         return cells
+
+
+def _is_channel(name):
+    """Tell whether the name of a column is one of a channel, with a unit or without."""
+    name = name.strip().strip('"')
+    return bool(name.lower() in CHANNELS or header_unit(name) or boxed_channel(name))
 
 
 def _is_missing(text):
@@ -172,7 +195,7 @@ class _Columns:
     """Which column holds which channel, in which unit."""
 
     def __init__(self, path, header, mapping, units):
-        self.path, self.names = path, header.names
+        self.path, self.names, self._header = path, header.names, header
         names = header.names
         self.index, self.scale, self.findings = {}, {}, []
         for channel, source in mapping.items():
@@ -256,14 +279,20 @@ class _Columns:
 
     def _put(self, channel, places, wanted):
         if not places:
+            hint = self._header.misplaced()
             raise InputError(
                 f'{self.path}: --map {channel}: no column {shown(wanted)}'
-                f'{suggestion(wanted, self.names)}: its columns are {self._listed()}'
+                f'{suggestion(wanted, self.names)}{f": {hint}" if hint else ""}: its columns are '
+                f'{self._listed()}'
             )
         if len(places) > 1:
+            first, second = (self.names[place] for place in places[:2])
+            # What --map names must be one column.
+            mend = 'rename one in the file' if first == second else (
+                f"rename one, or choose with --map '{channel}={first}'")
             raise InputError(
                 f'{self.path}: columns {places[0] + 1} and {places[1] + 1} are both '
-                f'{shown(wanted)}: rename one, or choose with --map {channel}=...'
+                f'{shown(wanted)}: {mend}'
             )
         self.index[channel] = places[0]
 
@@ -272,6 +301,11 @@ class _Columns:
         return names + (', ...' if len(self.names) > 12 else '')
 
     def _lacks(self, channel, unused, other='', more=''):
+        hint = self._header.misplaced()
+        if hint:
+            raise InputError(f'{self.path}: row {self._header.row}: no column "{channel}"{other} '
+                             f'in what should be the header: {hint}; its columns are '
+                             f'{self._listed()}')
         raise InputError(
             f'{self.path}: no column "{channel}"{other}{suggestion(channel, unused)}: map it '
             f'(--map {channel}=...){more}; its columns are {self._listed()}'
@@ -303,20 +337,41 @@ def _careful(path, lines, numbers, header, columns):
         if len(cells) != len(header.names):
             raise InputError(
                 f'{path}: row {numbers[k]}: {len(cells)} cells, but the header has '
-                f'{len(header.names)}: mend or remove the row'
+                f'{len(header.names)}: {_mend_width(cells, header)}'
             )
         for j, (channel, place) in enumerate(columns.index.items()):
             value = _fraction(cells[place], header)
             if value is None:
-                marked = header.delimiter != ',' and set(cells[place]) & {',', '.'}
-                mend = (': write all decimals with a point' if marked else
-                        f': write its minus as -, not as {MINUS}' if MINUS in cells[place] else '')
                 raise InputError(
                     f'{path}: row {numbers[k]}, column {shown(header.names[place])}: '
-                    f'{shown(cells[place])} is not a number{mend}'
+                    f'{shown(cells[place])} is not a number: '
+                    f'{_mend_cell(channel, cells[place])}'
                 )
             out[k, j] = value
     return out
+
+
+def _mend_width(cells, header):
+    """Say what to do about a row of more or fewer cells than the header."""
+    whole = not any(_number(cell) is None or '.' in cell for cell in cells)
+    if header.delimiter == ',' and len(cells) > len(header.names) and whole:
+        return ('if its decimals are written with commas, separate the columns by semicolons or '
+                'tabs, or write the decimals with a point; else mend or remove the row')
+    return 'mend or remove the row'
+
+
+def _mend_cell(channel, cell):
+    """Say what is expected in place of a cell that is not a number."""
+    # Digits with a mark that is not the decimal one; dates have several of one kind.
+    if re.fullmatch(r'[-+.,\d\s]*\d(?:[eE][-+]?\d+)?\s*', cell) and (
+            ',' in cell or _number(cell) is not None):
+        return 'write all decimals with a point, and nothing between thousands'
+    if MINUS in cell:
+        return f'write its minus as -, not as {MINUS}'
+    if channel == 'time':
+        return ('expected seconds as a plain number: write dates and clock times as the seconds '
+                'since the first row, or remove the row')
+    return 'expected a number: leave the cell empty or write NaN if there is none'
 
 
 def _fraction(cell, header):
