@@ -131,6 +131,7 @@ def test_a_topic_with_a_path_is_taken_apart():
     ('displacement=µm', 1e-6), ('displacement=2.5*um', 2.5e-6), ('displacement=mm', 1e-3),
     ('voltage_command=20', 20.0), ('voltage_command=-1', -1.0), ('voltage=kV', 1e3),
     ('charge=uC', 1e-6), ('charge=1e-6', 1e-6), ('external_force=kN', 1e3), ('time=us', 1e-6),
+    ('time=min', 60.0), ('displacement=microns', 1e-6),
 ])
 def test_a_unit_is_a_factor_to_si(text, scale):
     assert list(parse_units([text]).values()) == [pytest.approx(scale, rel=1e-15)]
@@ -138,7 +139,7 @@ def test_a_unit_is_a_factor_to_si(text, scale):
 
 @pytest.mark.parametrize('text', [
     'displacement=V', 'displacement=0', 'displacement=', 'displacement=inch', 'voltage=1/2',
-    'voltage=1e999', 'voltage=--1', 'voltage=nan', 'time=min', 'charge=2**3', 'voltag=V',
+    'voltage=1e999', 'voltage=--1', 'voltage=nan', 'time=Hz', 'charge=2**3', 'voltag=V',
     'displacement=1e-300*pm', 'displacement=1e300*km',
 ])
 def test_a_unit_of_something_else_is_refused(text):

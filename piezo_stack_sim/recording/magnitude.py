@@ -267,8 +267,8 @@ def _odd(recording, reading, statics):
                       f'{recording.command_name} should do', mend)]
     mend = 'check its gain; --unit takes factors too'
     if not np.ptp(recording.command) and np.ptp(recording.external_force):
-        mend = ('check the unit of external_force, which alone moves it, or its gain; --unit '
-                'takes factors too')
+        mend = ('check the unit of external_force, which alone moves it, or its gain; --unit takes '
+                'factors too')
     return [
         found(recording, None, NOTE,
               f'{channel} moves {ratio:.2g} times as far as the device should', mend)
@@ -348,12 +348,6 @@ def _scaled(recording, reading, statics):
 
 
 def _in_unit(recording, name, power, why):
-    if any(said in f'{each.what}: {each.mend}' for each in recording.findings
-           for said in (f'the header gives {name} in', f'{name} is multiplied by')):
-        # What was said of the unit is as wrong as the size.
-        size = f'1e{power} times too large' if power > 0 else f'1e{-power} times too small'
-        return found(recording, None, REPAIRED, f'{name} is {size} for the unit that its '
-                     f'header or --unit gives it, {why}', f'multiplied by 1e{-power} anyway')
     return found(recording, None, REPAIRED,
                  f'{name} is in {_NAMES.get(power, f"1e{-power} ")}{UNITS[name]}, {why}',
                  f'multiplied by 1e{-power}')
