@@ -156,6 +156,15 @@ def test_decimal_commas_between_commas_are_named(tmp_path):
         'the header has 3: mend or remove the row')
 
 
+def test_what_gave_a_unit_is_kept(tmp_path):
+    path = written(tmp_path, GOOD.replace('displacement', 'displacement [um]').replace(
+        'voltage_command', 'voltage_command [V]'))
+    given = {'displacement': ('the header', 1e-6), 'voltage_command': ('the header', 1.0)}
+    assert read_csv(path).stated == given
+    assert read_csv(path, units={'displacement': 2.0}).stated == {
+        **given, 'displacement': ('--unit', 2.0)}
+
+
 def test_two_columns_of_one_name_are_told_apart_in_the_file(tmp_path):
     path = written(tmp_path, GOOD.replace('\n', ',7\n').replace('displacement,7', (
         'displacement,displacement')))

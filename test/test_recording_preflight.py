@@ -64,6 +64,46 @@ def test_a_unit_wrong_by_thousands_is_recognised_by_the_size_it_gives(channel, f
     assert same(passed, recording)
 
 
+@pytest.mark.parametrize('channel, stated, factor, words', [
+    ('displacement', None, 1e3, 'displacement is in mm, as its size tells: multiplied by 1e-3'),
+    ('displacement', ('--unit', 1e-6), 1e3,
+     'displacement is in nm, as its size tells, and not in um as --unit says: --unit is '
+     'overruled: multiplied by 1e-09 instead of 1e-06'),
+    ('displacement', ('the header', -1e-3), 1e3,
+     'displacement is in um, as its size tells, and not in mm as the header says: the header is '
+     'overruled: multiplied by -1e-06 instead of -0.001'),
+    ('displacement', ('--unit', 3e-3), 1e3, 'displacement is 1e3 times too large, as its size '
+     'tells, with the factor 0.003 of --unit: --unit is overruled: multiplied by 3e-06 instead'),
+    ('command', ('the header', 1e-3), 1e-3,
+     'voltage_command is in V, as its size tells, and not in mV as the header says'),
+    ('command', ('the header', 1.0), 1e-3, 'is in kV, as its size tells, and not in V as the'),
+    ('command', ('--unit', 20.0), 1e-3,
+     'voltage_command is 1e3 times too small, as its size tells, with the factor 20 of --unit'),
+])
+def test_a_unit_that_was_given_and_is_another_is_said_to_be_overruled(
+        channel, stated, factor, words):
+    recording = slow()
+    if channel == 'command':
+        wrong = recording.replace(command=recording.command * factor)
+    else:
+        wrong = with_channel(recording, channel, recording.measured[channel] * factor)
+    name = 'voltage_command' if channel == 'command' else channel
+    passed, finding = mended(wrong.replace(stated={name: stated} if stated else {}))
+    assert same(passed, recording)
+    assert words in finding
+
+
+@pytest.mark.parametrize('stated, mend', [
+    (None, '--unit displacement=um'), (('the header', 1e-6), '--unit displacement=m')])
+def test_a_displacement_too_small_for_its_unit_is_refused_with_the_one_it_may_be_in(
+        stated, mend):
+    recording = slow()
+    wrong = with_channel(recording, 'displacement', recording.measured['displacement'] * 1e-6)
+    with pytest.raises(InputError) as caught:
+        checked(wrong.replace(stated={'displacement': stated} if stated else {}))
+    assert str(caught.value).endswith(mend)
+
+
 @pytest.mark.parametrize('factor, unit', [(1e3, 'mV'), (1e-3, 'kV')])
 def test_a_command_in_another_unit_is_recognised_too(factor, unit):
     recording = slow()

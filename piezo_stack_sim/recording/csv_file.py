@@ -547,4 +547,6 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
         for j, channel in enumerate(columns.index)
     }
     recording = assemble(path, read, header.drive, rows, findings)
-    return recording.replace(timed='time' in columns.scale)
+    stated = {channel: ('--unit' if channel in (units or {}) else 'the header', factor)
+              for channel, factor in columns.scale.items()}
+    return recording.replace(timed='time' in columns.scale, stated=stated)

@@ -15,7 +15,7 @@ from piezo_stack_sim.recording.samples import without
 # Powers of ten by which a channel may be too large: displacement in mm, um or nm, and so on.
 _PLAUSIBLE = {'voltage': (-3, 3, 6), 'charge': (3, 6, 9), 'displacement': (3, 6, 9)}
 _COMMAND = {'voltage': (0, -3, 3), 'charge': (0, -3, -6, -9)}
-_NAMES = {-3: 'k', 3: 'm', 6: 'u', 9: 'n'}
+_NAMES = {-3: 'k', 0: '', 3: 'm', 6: 'u', 9: 'n', 12: 'p'}
 # Nobody excites a stack with less of its range than this.
 _LEAST = 0.01
 _SURE = 0.7
@@ -267,8 +267,8 @@ def _odd(recording, reading, statics):
                       f'{recording.command_name} should do', mend)]
     mend = 'check its gain; --unit takes factors too'
     if not np.ptp(recording.command) and np.ptp(recording.external_force):
-        mend = ('check the unit of external_force, which alone moves it, or its gain; --unit takes '
-                'factors too')
+        mend = ('check the unit of external_force, which alone moves it, or its gain; --unit '
+                'takes factors too')
     return [
         found(recording, None, NOTE,
               f'{channel} moves {ratio:.2g} times as far as the device should', mend)
@@ -326,8 +326,12 @@ def _unexplained(recording, reading):
     sizes = ', '.join(f'{name} moves {ratio:.2g} times as far as expected'
                       for name, ratio in (wrong or reading.ratios).items())
     name = next(iter(wrong), recording.command_name or 'displacement')
+    unit = f'u{UNITS[name]}'
+    if name in wrong and name in recording.stated:
+        power = 3 * round(math.log10(wrong[name]) / 3.0)
+        unit = _unit_of(name, recording.stated[name][1] * 10.0**-power) or unit
     return refuse(recording, None, f'{sizes}: the units cannot be told',
-                  f'give them, as in --unit {name}=u{UNITS[name]}')
+                  f'give them, as in --unit {name}={unit}')
 
 
 def _scaled(recording, reading, statics):
@@ -348,9 +352,28 @@ def _scaled(recording, reading, statics):
 
 
 def _in_unit(recording, name, power, why):
-    return found(recording, None, REPAIRED,
-                 f'{name} is in {_NAMES.get(power, f"1e{-power} ")}{UNITS[name]}, {why}',
-                 f'multiplied by 1e{-power}')
+    """Return the Finding about a channel whose unit is another one than it was taken for."""
+    said, factor = recording.stated.get(name, ('', 1.0))
+    if not said:
+        return found(recording, None, REPAIRED,
+                     f'{name} is in {_NAMES.get(power, f"1e{-power} ")}{UNITS[name]}, {why}',
+                     f'multiplied by 1e{-power}')
+    # What is too large has been multiplied by that factor before.
+    meant = factor * 10.0**-power
+    is_in, given = (_unit_of(name, each) for each in (meant, factor))
+    what = f'{name} is in {is_in}, {why}, and not in {given} as {said} says'
+    if not is_in or not given:
+        size = f'1e{abs(power)} times too {"large" if power > 0 else "small"}'
+        what = f'{name} is {size}, {why}, with the factor {factor:g} of {said}'
+    return found(recording, None, REPAIRED, what,
+                 f'{said} is overruled: multiplied by {meant:g} instead of {factor:g}')
+
+
+def _unit_of(name, factor):
+    """Return the unit of a channel that has a factor to SI, of either sign; '' for none."""
+    power = -math.log10(abs(factor))
+    prefix = _NAMES.get(round(power)) if abs(power - round(power)) < 1e-9 else None
+    return '' if prefix is None else prefix + UNITS[name]
 
 
 def same_units(recording, powers, statics):

@@ -79,6 +79,9 @@ class Recording:
         Voltages (V) that it had been led to before that, if it was not relaxed.
     timed : bool
         Whether the unit of the times is known, and not just taken to be seconds.
+    stated : dict of str to (str, float)
+        Channel to what gave its unit ('--unit', 'the header') and the factor to SI that it was
+        multiplied by, of channels whose unit was given.
     unsure : dict of str to float
         Channel to the standard deviation (SI units) of what noise left in the inputs may make of
         its simulation.
@@ -108,6 +111,7 @@ class Recording:
     before: tuple[float, ...] = ()
     unsure: dict[str, float] = field(default_factory=dict)
     timed: bool = False
+    stated: dict[str, tuple[str, float]] = field(default_factory=dict)
     scale: float = 1.0
     filled: dict[str, np.ndarray] = field(default_factory=dict)
 
