@@ -131,6 +131,11 @@ def main(argv=None):
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else 'piezo_stack'
         message = error.format_message().rstrip('.')
+        # The whole help is that of a group that was given nothing.
+        if error.ctx and isinstance(error.ctx.command, click.Group) and (
+                message.startswith('Usage:')):
+            names = ', '.join(error.ctx.command.list_commands(error.ctx))
+            message = f'expected a command after it; choose {names}'
         return _fail(f'{where}: {message}; see "{where} --help"', 2)
     except click.ClickException as error:
         return _fail(error.format_message(), 2)

@@ -90,6 +90,28 @@ def test_wrong_input_ends_with_status_2_and_one_line(capsys, act):
     assert one_line(capsys) == 'file.yaml: mass = -1: expected more\n'
 
 
+@pytest.mark.parametrize('arguments', [
+    ['simulate', 'set', '--params', 'p'], ['report', 'x'],
+    ['diagnose', 'set', '--params', 'p'], ['identify', 'set'], ['excite', 'triangle'],
+    ['export', 'spice', '--params', 'p'], ['effects', 'creep'], ['challenge', 'make'],
+    ['from-datasheet', '--free-stroke', '1e-5', '--blocking-force', '800', '--capacitance',
+     '1e-6', '--voltage-range', '0', '150']])
+@pytest.mark.parametrize('path', ['', ' '])
+def test_nothing_is_written_where_no_path_is_given(arguments, path, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([*arguments, '--out', path]) == 2
+    assert f'--out {path!r}: expected a path to write to' in one_line(capsys)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('group, names', [
+    ('export', 'spice'), ('challenge', 'answer, make, score')])
+def test_a_group_without_a_command_names_those_it_has(capsys, group, names):
+    assert cli.main([group]) == 2
+    assert one_line(capsys) == (f'piezo_stack {group}: expected a command after it; choose '
+                                f'{names}; see "piezo_stack {group} --help"\n')
+
+
 def test_one_device_has_one_parameter_file(capsys, tmp_path):
     for command in (['analyse'], ['excite', 'triangle', '--out', str(tmp_path / 'set')]):
         assert cli.main([*command, '--params', 'a.yaml', '--params', 'b.yaml']) == 2

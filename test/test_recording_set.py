@@ -119,6 +119,20 @@ def test_a_column_mapping_needs_a_table(tmp_path):
         read_set(tmp_path, mapping=['displacement=stage'])
 
 
+def test_a_unit_of_what_nobody_recorded_is_refused(tmp_path):
+    write_csv(slow().replace(measured={'voltage': slow().measured['voltage']}),
+              tmp_path / 'a.csv')
+    for unit in ('charge=uC', 'displacement=arbitrary', 'external_force=kN'):
+        channel = unit.partition('=')[0]
+        with pytest.raises(InputError, match=(
+                f'--unit {channel}: no recording has {channel}, but time, voltage_command, voltage'
+                f': leave it out.* --map {channel}=')):
+            read_set(tmp_path, units=[unit])
+    # One recording that has it is enough.
+    write_csv(slow(name='b'), tmp_path / 'b.csv')
+    assert len(read_set(tmp_path, units=['charge=uC'])) == 2
+
+
 def test_a_topic_with_a_path_is_taken_apart():
     field = parse_mapping({'displacement': '/stage/joint_states.position[0]'})['displacement']
     assert (field.topic, field.path) == ('/stage/joint_states', ('position', 0))
@@ -131,7 +145,7 @@ def test_a_topic_with_a_path_is_taken_apart():
     ('displacement=µm', 1e-6), ('displacement=2.5*um', 2.5e-6), ('displacement=mm', 1e-3),
     ('voltage_command=20', 20.0), ('voltage_command=-1', -1.0), ('voltage=kV', 1e3),
     ('charge=uC', 1e-6), ('charge=1e-6', 1e-6), ('external_force=kN', 1e3), ('time=us', 1e-6),
-    ('time=min', 60.0), ('displacement=microns', 1e-6),
+    ('time=min', 60.0), ('displacement=-2*microns', -2e-6), ('time=Seconds', 1.0),
 ])
 def test_a_unit_is_a_factor_to_si(text, scale):
     assert list(parse_units([text]).values()) == [pytest.approx(scale, rel=1e-15)]
@@ -139,7 +153,8 @@ def test_a_unit_is_a_factor_to_si(text, scale):
 
 @pytest.mark.parametrize('text', [
     'displacement=V', 'displacement=0', 'displacement=', 'displacement=inch', 'voltage=1/2',
-    'voltage=1e999', 'voltage=--1', 'voltage=nan', 'time=Hz', 'charge=2**3', 'voltag=V',
+    'voltage=1e999', 'voltage=--1', 'voltage=nan', 'time=days', 'charge=microns',
+    'charge=2**3', 'voltag=V',
     'displacement=1e-300*pm', 'displacement=1e300*km',
 ])
 def test_a_unit_of_something_else_is_refused(text):

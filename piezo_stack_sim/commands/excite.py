@@ -8,7 +8,7 @@ import sys
 
 import click
 
-from piezo_stack_sim.commands.options import single
+from piezo_stack_sim.commands.options import filled, single
 from piezo_stack_sim.terminal import tell_findings
 
 PROFILES = ('triangle', 'decay', 'steps', 'multisine', 'force')
@@ -50,12 +50,13 @@ class _ListCommand(click.Command):
     """A command whose options for lists take numbers one after the other: --peaks 30 60 90."""
 
     def parse_args(self, ctx, args):
-        """Join the numbers that follow an option for a list."""
+        """Join the numbers that follow an option for a list; what is none is named as such."""
         lists = {f'--{name}' for name, (_, _, _, many) in SETTINGS.items() if many}
         joined = []
         collecting = False
         for argument in args:
-            if collecting and _is_number(argument):
+            first = collecting and not joined[-1] and not argument.startswith('-')
+            if first or collecting and _is_number(argument):
                 joined[-1] += f'{"," if joined[-1] else ""}{argument}'
                 continue
             collecting = argument in lists
@@ -81,7 +82,8 @@ class _Numbers(click.ParamType):
         try:
             return tuple(float(part) for part in value.split(','))
         except ValueError:
-            self.fail(f'{value!r}: expected numbers, such as {param.opts[0]} 30 60 90', param, ctx)
+            given = repr(value) if value else 'nothing after it'
+            self.fail(f'{given}: expected numbers, such as {param.opts[0]} 30 60 90', param, ctx)
 
 
 def _settings(command):
@@ -95,7 +97,7 @@ def _settings(command):
 
 @click.command('excite', cls=_ListCommand)
 @click.argument('profile', metavar='PROFILE')
-@click.option('--out', required=True, metavar='SET',
+@click.option('--out', required=True, metavar='SET', callback=filled,
               help='Folder of the recording set; each programme adds NAME.csv.')
 @click.option('--node', default='piezo_stack_node', show_default=True, metavar='NAME',
               help='Node of the device, such as /stack.')

@@ -4,7 +4,7 @@
 
 import click
 
-from piezo_stack_sim.commands.options import params_option
+from piezo_stack_sim.commands.options import filled, params_option
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.terminal import tell_findings
 
@@ -16,7 +16,8 @@ def command():
 
 @command.command('spice')
 @params_option
-@click.option('--out', metavar='FILE', help='File to write; printed if not given.')
+@click.option('--out', metavar='FILE', callback=filled,
+              help='File to write; printed if not given.')
 @click.option('--recording', metavar='FILE',
               help='Play the commands and forces of this recording instead of a triangle.')
 @click.option('--subcircuit', is_flag=True, help='Only the subcircuit, without a test bench.')

@@ -4,13 +4,14 @@
 
 import click
 
-from piezo_stack_sim.commands.options import map_option, unit_option
+from piezo_stack_sim.commands.options import filled, map_option, unit_option
 from piezo_stack_sim.terminal import console
 
 
 @click.command('identify')
 @click.argument('recordings', metavar='SET...', nargs=-1, required=True)
-@click.option('--out', required=True, metavar='YAML', help='Parameter file to write.')
+@click.option('--out', required=True, metavar='YAML', callback=filled,
+              help='Parameter file to write.')
 @click.option('--elements', type=click.IntRange(1, 30), metavar='N',
               help='Number of Maxwell elements; chosen by held-out error if not given.')
 @click.option('--start', metavar='YAML',

@@ -15,12 +15,21 @@ def single(context, parameter, values):
     return values[0] if values else None
 
 
+def filled(context, parameter, value):
+    """Return a path to write to; '' would be the folder that one happens to be in."""
+    if value is not None and not value.strip():
+        raise InputError(f'{parameter.opts[0]} {value!r}: expected a path to write to; name it, '
+                         'or write . for this folder')
+    return value
+
+
 params_option = click.option(
     '--params', required=True, multiple=True, callback=single, metavar='YAML',
     help='Parameter file of the device, such as config/ae0505d16.yaml.')
 
 out_folder_option = click.option(
-    '--out', required=True, metavar='DIR', help='Folder to write to; made if missing.')
+    '--out', required=True, metavar='DIR', callback=filled,
+    help='Folder to write to; made if missing.')
 
 map_option = click.option(
     '--map', 'maps', multiple=True, metavar='CHANNEL=NAME',

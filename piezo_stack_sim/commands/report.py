@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
+from piezo_stack_sim.commands.options import filled
+
 
 @click.command('report')
 @click.argument('diagnosis', metavar='DIAGNOSIS.JSON')
-@click.option('--out', metavar='HTML',
+@click.option('--out', metavar='HTML', callback=filled,
               help='File to write; by default report.html beside the diagnosis.')
 def command(diagnosis, out):
     """

@@ -428,7 +428,8 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
                                     'as --unit says'))
     recording = assemble(
         source, columns, stated and checked_drive(source, stated), rows, findings)
-    stated = {name: ('--unit', factor) for name, factor in (units or {}).items()}
+    stated = {name: ('--unit', factor) for name, factor in (units or {}).items()
+              if name in columns}
     return recording.replace(timed=True, stated=stated, filled={
         name: rows for name, rows in between.items() if rows.any()})
 

@@ -91,6 +91,16 @@ def _check_used(source, mapping, files):
             raise InputError(f'{source}: --map {channel}={place} names a {wrong}')
 
 
+def _check_units_used(source, units, recordings):
+    """Raise InputError for a unit of what no recording has."""
+    known = dict.fromkeys(name for each in recordings for name in (*each.columns(), *each.stated))
+    for channel in units:
+        if channel not in known:
+            raise InputError(
+                f'{source}: --unit {channel}: no recording has {channel}, but {", ".join(known)}: '
+                f'leave it out, or say where it is, as in --map {channel}=...')
+
+
 def read_set(paths, mapping=None, units=None, progress=None):
     """
     Read the recordings of one device.
@@ -141,6 +151,7 @@ def read_set(paths, mapping=None, units=None, progress=None):
         reader = read_bag if is_bag(path) else read_csv
         recording = reader(path, mapping, units)
         recordings.append(recording.replace(arbitrary=True) if arbitrary else recording)
+    _check_units_used(source, units, recordings)
     single = len(paths) == 1 and files != paths
     name = paths[0].resolve().name if single else recording_name(paths[0])
     return RecordingSet(name, tuple(recordings), source, tuple(findings))
