@@ -7,13 +7,12 @@ It is made by the physics of the blind benchmark, not by that which is fitted to
 """
 
 import json
-import subprocess
 import sys
 
 import numpy as np
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.examples import laboratory
+from piezo_stack_sim.examples import laboratory, walkthrough
 from piezo_stack_sim.gap.compare import compare_set
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes, RecordingSet
@@ -114,17 +113,31 @@ def test_a_sensor_of_unknown_scale_has_an_unknown_zero(zero):
     assert any('displacement begins at' in str(each) for each in findings)
 
 
+@pytest.mark.parametrize('arguments, words', [
+    (['--seed', '-1'], "argument --seed: '-1': expected a whole number, zero or more"),
+    (['--seed', '1.5'], "argument --seed: '1.5': expected a whole number, zero or more"),
+    (['--out', ''], "argument --out: '': expected a folder"),
+    (['--out', 'a file'], 'a file'), (['--out', 'a file/below'], 'a file/below')])
+@pytest.mark.parametrize('example', [laboratory, walkthrough])
+def test_what_is_wrong_with_an_argument_is_said(
+        example, arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'a file').touch()
+    if example is walkthrough:
+        arguments = [*arguments, '--prepare']
+    monkeypatch.setattr(sys, 'argv', ['example', *arguments])
+    try:
+        status = example.main()
+    except SystemExit as ended:
+        status = ended.code
+    assert status == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert words in error and 'Errno' not in error
+    assert [each.name for each in tmp_path.iterdir()] == ['a file']
+
+
 def test_only_a_displacement_can_be_arbitrary():
     assert is_displacement_arbitrary(['displacement=arbitrary'])
     assert parse_units(['displacement=arbitrary', 'charge=uC']) == {'charge': pytest.approx(1e-6)}
     with pytest.raises(InputError, match='charge.*arbitrary.*no unit of it'):
         parse_units(['charge=arbitrary'])
-
-
-@pytest.mark.parametrize('arguments, words', [
-    (['--seed', '-1'], '--seed -1: expected a whole number'),
-    (['--out', __file__], f'--out {__file__}: File exists; expected a folder')])
-def test_the_example_names_an_argument_that_is_wrong(arguments, words):
-    example = [sys.executable, '-m', 'piezo_stack_sim.examples.laboratory']
-    done = subprocess.run([*example, *arguments], capture_output=True, text=True)
-    assert done.returncode == 2 and words in done.stderr and 'Traceback' not in done.stderr

@@ -17,9 +17,11 @@ from pathlib import Path
 import sys
 
 import numpy as np
+from piezo_stack_sim.atomic import make_folder
 from piezo_stack_sim.challenge.device import Programme, respond, Unit
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.examples import options as kinds
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import Recording
 
@@ -72,7 +74,7 @@ def write(folder: Path, secret: str = '', seed: int = 1) -> None:
 
     """
     random = np.random.default_rng(seed)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     step = 20.0 / 2 ** BITS
     for name, run in runs().items():
         moved = respond(stage(secret), Programme(
@@ -89,23 +91,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog='python -m piezo_stack_sim.examples.laboratory', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--out', type=Path, default=Path('laboratory'), metavar='DIR',
+    parser.add_argument('--out', type=kinds.folder, default=Path('laboratory'), metavar='DIR',
                         help='where the recordings go (default ./%(default)s)')
     parser.add_argument('--secret', choices=[*SECRETS, 'nothing'],
                         help='what the stage has; drawn with the seed if not given')
-    parser.add_argument('--seed', type=int, default=1, metavar='N',
+    parser.add_argument('--seed', type=kinds.seed, default=1, metavar='N',
                         help='of noise, drift and the draw (default %(default)s)')
     options = parser.parse_args()
-    if options.seed < 0:
-        parser.error(f'--seed {options.seed}: expected a whole number, zero or more')
     drawn = list(SECRETS)[int(np.random.default_rng(options.seed).integers(len(SECRETS)))]
     secret = options.secret or drawn
     try:
         write(options.out, '' if secret == 'nothing' else secret, options.seed)
     except (InputError, OSError) as error:
-        print(error if isinstance(error, InputError) else
-              f'--out {options.out}: {error.strerror}; expected a folder that can be written to',
-              file=sys.stderr)
+        print(error, file=sys.stderr)
         return 2
     print(f'{len(runs())} recordings: {options.out}')
     return 0

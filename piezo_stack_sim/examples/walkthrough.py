@@ -21,6 +21,7 @@ import numpy as np
 from piezo_stack_sim.commands.excite import QUICK
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.examples import options as kinds
 from piezo_stack_sim.plant.parameters import Device, save_device
 
 RATE = 2000.0  # Hz
@@ -229,9 +230,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog='piezo_stack_walkthrough', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--out', type=Path, default=Path('walkthrough'), metavar='DIR',
+    parser.add_argument('--out', type=kinds.folder, default=Path('walkthrough'), metavar='DIR',
                         help='where everything goes (default ./%(default)s)')
-    parser.add_argument('--seed', type=int, default=11, metavar='N',
+    parser.add_argument('--seed', type=kinds.seed, default=11, metavar='N',
                         help='chooses the secret (default %(default)s)')
     parser.add_argument('--prepare', action='store_true',
                         help='only write real.yaml and nominal.yaml, to go the way by hand')
