@@ -253,8 +253,8 @@ def test_a_channel_in_an_unknown_unit_is_named_and_mended_by_saying_which(tmp_pa
         wrong = error(path)
         assert wrong.startswith(
             f": column '{channel} [{word}]': '{word}' is no unit of {channel} that is known")
-        assert f'--unit {channel}=' in wrong
         base = {'time': 's', 'voltage_command': 'V', 'displacement': 'm'}[channel]
+        assert f'--unit {channel}=' in wrong and f'a factor to {base}' in wrong
         read = read_csv(path, units=parse_units([f'{channel}=m{base}'])).columns()[channel]
         assert read == pytest.approx(
             read_csv(written(tmp_path, GOOD, 'plain.csv')).columns()[channel] * 1e-3)

@@ -255,7 +255,8 @@ class _Columns:
             raise InputError(
                 f'{self.path}: column {shown(name)}: {shown(boxed(name))} is no unit of {channel} '
                 f'that is known: expected {unit} with a prefix of k, m, u, n, p: say what it is, '
-                f'as in --unit {channel}={"u" * (unit in "mC")}{unit}, or rename the column')
+                f'as in --unit {channel}={"u" * (unit in "mC")}{unit} (or =2.5, a factor to '
+                f'{unit}), or rename the column')
         if places:
             self._put(channel, places, channel)
 
