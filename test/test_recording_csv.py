@@ -156,6 +156,15 @@ def test_decimal_commas_between_commas_are_named(tmp_path):
         'the header has 3: mend or remove the row')
 
 
+def test_a_remark_in_brackets_costs_the_channel_but_not_the_recording(tmp_path):
+    path = written(tmp_path, GOOD.replace('\n', ',7\n').replace('displacement,7', (
+        'displacement,voltage (monitor)')))
+    recording = read_csv(path)
+    assert [*recording.measured] == ['displacement']
+    assert any("'monitor' is no unit of voltage" in str(each) for each in recording.findings)
+    assert 'voltage' in read_csv(path, units={'voltage': 1.0}).measured
+
+
 def test_what_gave_a_unit_is_kept(tmp_path):
     path = written(tmp_path, GOOD.replace('displacement', 'displacement [um]').replace(
         'voltage_command', 'voltage_command [V]'))

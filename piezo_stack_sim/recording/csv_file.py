@@ -20,7 +20,7 @@ from piezo_stack_sim.recording.assemble import (
 from piezo_stack_sim.recording.finding import Finding, NOTE, REPAIRED, shown
 from piezo_stack_sim.recording.mapping import (
     boxed, boxed_channel, boxed_unit, CHANNELS, header_unit, suggestion, unit_scale)
-from piezo_stack_sim.recording.recording import UNITS
+from piezo_stack_sim.recording.recording import MEASURED, UNITS
 
 _BLOCK = 1 << 22
 _LOT = 1 << 16  # rows, which any step divides
@@ -250,6 +250,13 @@ class _Columns:
         # A number there is that of a sensor.
         places = [i for i, name in enumerate(self.names)
                   if boxed_channel(name) == channel and not boxed(name).isdigit()]
+        others = {name.lower() for name in self.names} | {
+            tag[0] for tag in map(header_unit, self.names) if tag}
+        if places and channel in MEASURED and channel not in units and others & {*MEASURED}:
+            # It may be a remark, and a recording without it is one.
+            self._note(places[0], f'{shown(boxed(self.names[places[0]]))} is no unit of {channel} '
+                       'that is known: the column is not used', f'say it with --unit {channel}=')
+            return
         if places and channel not in units:
             name, unit = self.names[places[0]], UNITS[channel]
             raise InputError(
