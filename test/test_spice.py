@@ -126,3 +126,13 @@ def test_what_the_reader_found_of_a_recording_is_told(tmp_path, capsys):
     path.write_text('time_ms,voltage_command\n0,0\n1,5\n2,5\n')
     assert main(['export', 'spice', '--params', PARAMS, '--recording', str(path)]) == 0
     assert 'the header gives time in ms' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('volts, status, words', [
+    (1350, 2, 'far beyond the device'), (-90, 0, 'voltage_command is -90 V')])
+def test_what_leaves_the_range_of_the_device_is_told_or_refused(
+        volts, status, words, tmp_path, capsys):
+    path = tmp_path / 'squeeze.csv'
+    path.write_text(f'time,voltage_command\n0,0\n0.001,{volts}\n0.002,{volts}\n')
+    assert main(['export', 'spice', '--params', PARAMS, '--recording', str(path)]) == status
+    assert words in capsys.readouterr().err

@@ -62,7 +62,7 @@ def _triangle(circuit, device):
 
 def _played(circuit, device, path):
     """Return the test bench that replays a recording."""
-    from piezo_stack_sim.recording.playable import require_playable
+    from piezo_stack_sim.recording.playable import check_played, require_playable
     from piezo_stack_sim.recording.read import read_set
 
     found = read_set(path)
@@ -72,5 +72,8 @@ def _played(circuit, device, path):
     recording = found.recordings[0]
     require_playable(recording)
     tell_findings(found)
+    recording, findings = check_played(recording, device)
+    for finding in findings:
+        click.echo(str(finding), err=True)
     return circuit.netlist(device, recording.time - recording.time[0], recording.command,
                            recording.external_force, recording.drive)
