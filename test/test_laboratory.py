@@ -51,10 +51,11 @@ def named(diagnosis):
 
 @pytest.mark.slow
 def test_a_lag_of_the_measurement_is_no_rate_dependent_hysteresis(answer):
+    """Beside it there is the drift of the stage's sensor, which one of the place does as well."""
     diagnosis = answer('sensor_lag')
     found = named(diagnosis)
     assert 'sensor_lag' in found
-    assert found <= LAGS
+    assert found <= LAGS | {'sensor_drift', 'thermal_drift'}
     assert diagnosis['where']['block'] == 'sensor'
 
 
