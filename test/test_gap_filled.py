@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 import numpy as np
+from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.compare import compare_set
 from piezo_stack_sim.gap.evidence import prepare
@@ -88,7 +89,23 @@ def test_a_cause_is_found_in_the_rows_that_were_measured(device, kind):
     assert found.document['shrinkage']['displacement']['S'] > 0.99
 
 
+def test_what_was_filled_in_stays_known(device):
+    """Through rows that were lost besides, and not of a channel that is left out."""
+    one, = recorded(device, 'seldom').recordings
+    holed = one.replace(
+        measured={'displacement': np.nan_to_num(one.measured['displacement'])},
+        filled={'displacement': np.isnan(one.measured['displacement'])})
+    kept = np.arange(TIME.size) % 100 != 50
+    recording, = preflight(RecordingSet('set', (holed.take(kept),)), device)[0].recordings
+    told = np.flatnonzero(recording.told('displacement'))
+    assert len(recording) == TIME.size
+    assert np.array_equal(told, np.flatnonzero(kept & (np.arange(TIME.size) % 4 == 0)))
+    # A simulation at other rows takes the inputs along, and no channel.
+    assert not holed.replace(measured={}, time=TIME[:3], command=np.zeros(3),
+                             external_force=np.zeros(3)).filled
+
+
 def test_a_mask_of_another_length_is_refused(device):
     one = recorded(device, 'whole').recordings[0]
-    with pytest.raises(Exception, match='filled in'):
+    with pytest.raises(InputError, match='filled in'):
         replace(one, filled={'displacement': np.zeros(3, dtype=bool)})

@@ -5,7 +5,7 @@
 import os
 
 import click
-from piezo_stack_sim.commands.options import filled
+from piezo_stack_sim.commands.options import not_empty
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.progress import counted
 
@@ -40,7 +40,7 @@ def command():
               help='How many devices.')
 @click.option('--seed', required=True, type=click.IntRange(min=0), metavar='S',
               help='Same seed, same devices. Keep it to yourself: it is as good as the labels.')
-@click.option('--out', required=True, metavar='DIR', callback=filled,
+@click.option('--out', required=True, metavar='DIR', callback=not_empty,
               help='Public folder; labels go to DIR.labels.json and DIR.truth beside it.')
 @click.option('--unforeseen', is_flag=True,
               help='Only effects that no rule of the diagnosis was made for.')
@@ -75,7 +75,7 @@ def answer_command(folder, again, first, jobs, scheduler):
 @click.argument('folders', metavar='DIR...', nargs=-1, required=True)
 @click.option('--labels', metavar='FILE', multiple=True,
               help='Label file, once for each DIR.  [default: DIR.labels.json]')
-@click.option('--out', metavar='DIR', callback=filled,
+@click.option('--out', metavar='DIR', callback=not_empty,
               help='Folder for score.json, score.md and confusion.png.'
               '  [default: DIR/score, of the first]')
 @click.option('--floors', metavar='FILE', help='JSON of question to the fewest hits (of false '

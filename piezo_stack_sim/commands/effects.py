@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from piezo_stack_sim.atomic import make_folder
-from piezo_stack_sim.commands.options import filled, single
+from piezo_stack_sim.commands.options import not_empty, single
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.terminal import console
 
@@ -21,7 +21,7 @@ from piezo_stack_sim.terminal import console
               help='A value instead of the typical one. May be given several times.')
 @click.option('--test', metavar='TEST', help='What to show over time: triangle, sine, step, hold, '
               'push, rest or wait; the most telling one if not given.')
-@click.option('--out', default='.', metavar='DIR', callback=filled,
+@click.option('--out', default='.', metavar='DIR', callback=not_empty,
               help='Folder for pictures; here if not given.')
 def command(name, everything, params, settings, test, out):
     """

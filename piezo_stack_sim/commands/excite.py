@@ -8,7 +8,7 @@ import sys
 
 import click
 
-from piezo_stack_sim.commands.options import filled, single
+from piezo_stack_sim.commands.options import not_empty, single
 from piezo_stack_sim.terminal import tell_findings
 
 PROFILES = ('triangle', 'decay', 'steps', 'multisine', 'force')
@@ -97,7 +97,7 @@ def _settings(command):
 
 @click.command('excite', cls=_ListCommand)
 @click.argument('profile', metavar='PROFILE')
-@click.option('--out', required=True, metavar='SET', callback=filled,
+@click.option('--out', required=True, metavar='SET', callback=not_empty,
               help='Folder of the recording set; each programme adds NAME.csv.')
 @click.option('--node', default='piezo_stack_node', show_default=True, metavar='NAME',
               help='Node of the device, such as /stack.')

@@ -4,7 +4,7 @@
 
 import click
 
-from piezo_stack_sim.commands.options import filled, params_option
+from piezo_stack_sim.commands.options import not_empty, params_option
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.terminal import tell_findings
 
@@ -16,7 +16,7 @@ def command():
 
 @command.command('spice')
 @params_option
-@click.option('--out', metavar='FILE', callback=filled,
+@click.option('--out', metavar='FILE', callback=not_empty,
               help='File to write; printed if not given.')
 @click.option('--recording', metavar='FILE',
               help='Play the commands and forces of this recording instead of a triangle.')

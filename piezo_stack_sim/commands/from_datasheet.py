@@ -4,7 +4,7 @@
 
 import click
 
-from piezo_stack_sim.commands.options import filled
+from piezo_stack_sim.commands.options import not_empty
 
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 #: What a stack without a load may have, in SI units, and the powers of ten by which others differ.
@@ -38,7 +38,7 @@ HIGHEST = 1e4  # V
 @click.option('--hysteresis', type=POSITIVE, metavar='SHARE',
               help='Loop width over stroke, such as 0.15.')
 @click.option('--model', default='from data sheet', show_default=True, help='Name to write.')
-@click.option('--out', required=True, metavar='YAML', callback=filled,
+@click.option('--out', required=True, metavar='YAML', callback=not_empty,
               help='Parameter file to write.')
 def command(out, model, **numbers):
     """Estimate the parameters of an actuator from its data sheet."""

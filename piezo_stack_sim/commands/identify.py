@@ -4,13 +4,13 @@
 
 import click
 
-from piezo_stack_sim.commands.options import filled, map_option, unit_option
+from piezo_stack_sim.commands.options import map_option, not_empty, unit_option
 from piezo_stack_sim.terminal import console
 
 
 @click.command('identify')
 @click.argument('recordings', metavar='SET...', nargs=-1, required=True)
-@click.option('--out', required=True, metavar='YAML', callback=filled,
+@click.option('--out', required=True, metavar='YAML', callback=not_empty,
               help='Parameter file to write.')
 @click.option('--elements', type=click.IntRange(1, 30), metavar='N',
               help='Number of Maxwell elements; chosen by held-out error if not given.')

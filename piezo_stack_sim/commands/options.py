@@ -15,7 +15,7 @@ def single(context, parameter, values):
     return values[0] if values else None
 
 
-def filled(context, parameter, value):
+def not_empty(context, parameter, value):
     """Return a path to write to; '' would be the folder that one happens to be in."""
     if value is not None and not value.strip():
         raise InputError(f'{parameter.opts[0]} {value!r}: expected a path to write to; name it, '
@@ -28,7 +28,7 @@ params_option = click.option(
     help='Parameter file of the device, such as config/ae0505d16.yaml.')
 
 out_folder_option = click.option(
-    '--out', required=True, metavar='DIR', callback=filled,
+    '--out', required=True, metavar='DIR', callback=not_empty,
     help='Folder to write to; made if missing.')
 
 map_option = click.option(

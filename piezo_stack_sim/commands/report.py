@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from piezo_stack_sim.commands.options import filled
+from piezo_stack_sim.commands.options import not_empty
 
 
 @click.command('report')
 @click.argument('diagnosis', metavar='DIAGNOSIS.JSON')
-@click.option('--out', metavar='HTML', callback=filled,
+@click.option('--out', metavar='HTML', callback=not_empty,
               help='File to write; by default report.html beside the diagnosis.')
 def command(diagnosis, out):
     """

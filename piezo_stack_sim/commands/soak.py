@@ -8,7 +8,7 @@ import sys
 import click
 
 from piezo_stack_sim.atomic import write_text
-from piezo_stack_sim.commands.options import filled
+from piezo_stack_sim.commands.options import not_empty
 from piezo_stack_sim.terminal import console
 
 
@@ -23,7 +23,7 @@ from piezo_stack_sim.terminal import console
               help='Only this fault; may be given several times.')
 @click.option('--list', 'as_list', is_flag=True, help='List the faults and stop.')
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON in SI units.')
-@click.option('--out', metavar='FILE', callback=filled,
+@click.option('--out', metavar='FILE', callback=not_empty,
               help='Write the JSON to a file besides.')
 @click.option('--markdown', is_flag=True, help='Print the table as Markdown, for doc/soak.md.')
 def command(device_time, wall_time, scale, only, as_list, as_json, out, markdown):

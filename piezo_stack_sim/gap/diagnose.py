@@ -64,7 +64,7 @@ class Diagnosis:
 
 
 def _asks_nothing(evidence: Evidence, simulated) -> bool:
-    """Tell whether nothing that was measured should have moved beyond its noise (n,)."""
+    """Tell whether nothing that was measured should have moved beyond its noise."""
     return all(float(np.ptp(answer[channel])) <= track.zero[channel]
                for track, answer in zip(evidence.tracks, simulated)
                for channel in track.channels)

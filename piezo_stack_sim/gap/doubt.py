@@ -29,7 +29,8 @@ _PLAY = Suspect('mechanical', 'the charge shows that the stack feels none of it:
 
 TOLD = 0.6  # part of a gap, all tracks alike or by its power, that a stranger must explain
 LEFT = 0.6  # part of what a cause leaves that one may leave who takes its place
-WORTH = 0.03, 0.005  # part of the gap that a cause must leave to be asked, any and with structure
+WORTH = 0.03  # part of the gap that a cause must leave to be asked at all
+STRUCTURED = 0.005  # and this, where what it leaves has structure
 SPOILT = 6.0  # times the power that a channel had, or its noise, that no cause leaves it
 SURER = 10.0  # nats by which a stranger must be better than a cause
 
@@ -113,7 +114,7 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision, thresholds: Th
         return max(removable.share(residual), 1.0 - left)
 
     known = decision.chosen(search).residual if verdict.selected else nominal
-    least = WORTH[judge.structure(known) > thresholds.excess]
+    least = STRUCTURED if judge.structure(known) > thresholds.excess else WORTH
     if not asked and len(verdict.selected) < 2 and 1.0 - explained(judge, known) < least:
         return None
     met = meet(fitter, search.nominal)

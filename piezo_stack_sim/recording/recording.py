@@ -148,6 +148,9 @@ class Recording:
                 raise InputError(f'{where}: rows have shape {rows.shape}, time {time.shape}')
             rows.flags.writeable = False
             object.__setattr__(self, 'rows', rows)
+        # Of a channel that is left out, nothing was filled in.
+        object.__setattr__(self, 'filled', {
+            name: filled for name, filled in self.filled.items() if name in measured})
         for name, filled in self.filled.items():
             if filled.shape != time.shape:
                 raise InputError(f'{where}: {name} has {filled.size} rows that were filled in or '

@@ -334,7 +334,10 @@ def _filled(recording, index, period):
 
     known = np.zeros(every.size, dtype=np.int64)
     known[place] = np.arange(1, index.size + 1) if recording.rows is None else recording.rows
-    put_in = known == 0
+    filled = {}
+    for name in recording.measured:
+        filled[name] = np.ones(every.size, dtype=bool)
+        filled[name][place] = recording.filled.get(name, False)
     more = found(recording, short[0] + 1, REPAIRED,
                  f'{lost} rows were lost in {short.size} places', 'filled in by those around')
     return recording.replace(
@@ -343,5 +346,5 @@ def _filled(recording, index, period):
         external_force=fill(recording.external_force),
         measured={name: fill(values) for name, values in recording.measured.items()},
         rows=known,
-        filled={name: put_in for name in recording.measured},
+        filled=filled,
     ), [more]
