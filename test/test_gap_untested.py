@@ -28,5 +28,9 @@ def test_inputs_that_stand_still_test_nothing(level):
     assert 'play a programme' in document['reason'] and document['where']['block'] is None
     said = '\n'.join(text for text, _ in summary_lines(document))
     assert 'ask the device nothing' in said and 'Where' not in said
+    asked = document['next_experiment']
+    assert asked['command'].split()[2] == asked['profile'] and asked['separation'] > 5.0
+    assert not asked['add_channel'] and len(asked['alternatives']) == 2
+    assert 'Play ' in said
     notes = [each['what'] for each in compare_set(held(level), Device.nominal())['preflight']]
     assert any('throughout' in note for note in notes)

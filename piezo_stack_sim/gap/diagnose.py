@@ -167,6 +167,11 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         result['next_experiment'] = next_experiment(
             fitter, evidence,
             {name: search.correction(name) for name in verdict.pairs or verdict.tie})
+    elif verdict.word == 'NOT_IDENTIFIABLE':
+        from piezo_stack_sim.gap.experiment import first_experiment
+        progress('looking for the experiment that asks most')
+        result['next_experiment'] = first_experiment(
+            fitter, evidence, search.nominal.phi)
     if traces:
         from piezo_stack_sim.gap.traces import build_traces
         result['traces'] = build_traces(

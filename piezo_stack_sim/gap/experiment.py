@@ -6,7 +6,8 @@ What to measure next: the experiment that separates tied causes best, by simulat
 Each tied cause, as it was fitted, is a device.  Every profile of
 ``piezo_stack excite`` is played to all of them, with the channels at hand and
 with one more; the distance of the two closest, over the noise, is what an
-experiment is worth.
+experiment is worth.  Where the recordings asked nothing every effect is a
+cause yet, and an experiment is worth what it shows of them.
 """
 
 from __future__ import annotations
@@ -15,10 +16,13 @@ import itertools
 
 import numpy as np
 
+from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.evidence import CHANNELS, Evidence
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_channels
+from piezo_stack_sim.gap.isolability import SEEN
+from piezo_stack_sim.gap.quantities import significant
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import Recording
 
@@ -75,8 +79,7 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
     told = list(dict.fromkeys(  # what all have in common is not told apart
         part for each in parts for part in each if not all(part in other for other in parts)))
     devices = [fitter.device_with(tied[name].effects, tied[name].phi) for name in names]
-    noise = {c: evidence.noise_rms(c) if c in evidence.noise else USUAL_NOISE[c]
-             for c in CHANNELS}
+    noise = _noise(evidence)
     have = evidence.channels
     candidates = []
     for profile, settings, recording in profiles(fitter.device.actuator.voltage_range[1]):
@@ -90,24 +93,72 @@ def next_experiment(fitter: Fitter, evidence: Evidence, tied: dict) -> dict | No
             candidates.append((closest / cost, closest, profile, settings, extra))
     candidates.sort(key=lambda c: -c[0])
     _, separation, profile, settings, extra = candidates[0]
-    others = [c for c in candidates[1:] if c[2] != profile or c[4] != extra][:2]
+    others = [c[1:] for c in candidates[1:] if c[2] != profile or c[4] != extra][:2]
     among = 'the tied causes' if len(tied) == len(names) else (
         f'the first {len(names)} of {len(tied)} tied causes, no others compared,')
-    return {**_entry(separation, profile, settings, extra, told, among),
-            'alternatives': [_entry(c[1], c[2], c[3], c[4], told, among) for c in others]}
+
+    def entry(separation, profile, settings, extra):
+        besides = f', {extra} measured besides' if extra else ''
+        return _entry(separation, profile, settings, extra, told, (
+            f'the two closest of {among} then differ by {separation:.1f} times the noise'
+            f'{besides}'))
+
+    return {**entry(separation, profile, settings, extra),
+            'alternatives': [entry(*other) for other in others]}
 
 
-def _entry(separation, profile, settings, extra, told, among) -> dict:
+def first_experiment(fitter: Fitter, evidence: Evidence, phi: np.ndarray) -> dict:
+    """
+    Return the ``next_experiment`` part of a diagnosis of a device that was asked nothing.
+
+    The profile in which the most effects of a typical strength stand out of the noise, with the
+    channels at hand.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        Of the set.
+    evidence : Evidence
+        What was measured, for its channels and noise.
+    phi : ndarray, shape (p,)
+        Deviations of the nominal parameters.
+
+    """
+    devices = [fitter.device_with({}, phi), *(
+        fitter.device_with({name: effect.typical()}, phi) for name, effect in EFFECTS.items())]
+    noise, candidates = _noise(evidence), []
+    for profile, settings, recording in profiles(fitter.device.actuator.voltage_range[1]):
+        usual, *others = parallel(lambda d, r=recording: simulate_channels(d, r), devices)
+        apart = sorted(_distance(usual, other, evidence.channels, noise) for other in others)
+        candidates.append((sum(each > SEEN for each in apart), apart[len(apart) // 2], profile,
+                           settings))
+
+    def entry(seen, middle, profile, settings):
+        return _entry(middle, profile, settings, None, [], (
+            f'{seen} of the {len(EFFECTS)} effects in the library, each of a typical strength, '
+            f'would then stand out of the noise, half of them by {significant(middle)} times or '
+            'more'))
+
+    best, *others = sorted(candidates, key=lambda c: c[:2], reverse=True)
+    return {**entry(*best),
+            'alternatives': [entry(*other) for other in others if other[2] != best[2]][:2]}
+
+
+def _noise(evidence: Evidence) -> dict[str, float]:
+    """Return the noise of every channel (SI, rms): as measured, or as is usual."""
+    return {c: evidence.noise_rms(c) if c in evidence.noise else USUAL_NOISE[c]
+            for c in CHANNELS}
+
+
+def _entry(separation, profile, settings, extra, told, why) -> dict:
     words = ' '.join(
         f'--{key} ' + ' '.join(f'{each:g}' for each in (
             value if isinstance(value, list) else [value]))
         for key, value in settings.items())
-    besides = f', {extra} measured besides' if extra else ''
     return {'profile': profile, 'settings': settings, 'add_channel': extra, 'separates': told,
             'separation': float(separation),
             'command': f'piezo_stack excite {profile} {words} --out next_{profile}',
-            'why': f'the two closest of {among} then differ by {separation:.1f} times '
-                   f'the noise{besides}'}
+            'why': why}
 
 
 def _distance(a: dict, b: dict, channels, noise) -> float:
