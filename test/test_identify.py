@@ -132,6 +132,18 @@ def test_what_never_slips_leaves_stiffness_capacitance_and_ratio_open():
 
 
 @pytest.mark.parametrize('channels', [CHANNELS, ('displacement',)])
+@pytest.mark.parametrize('device', [STACK, PAPER])
+def test_a_slow_ramp_leaves_the_converse_effect_open(device, channels):
+    """One ramp shows how T/C and k + T^2/C go together, and neither of them."""
+    truth = known(device)
+    estimates = by_name(identify(noisy(answered(ramp(), channels=channels, device=device), 1)))
+    for name in ('T/C', 'k + T^2/C'):
+        each = estimates[name]
+        assert not each.determined or each.low <= truth[name] <= each.high, name
+    assert not estimates['T/C'].determined
+
+
+@pytest.mark.parametrize('channels', [CHANNELS, ('displacement',)])
 @pytest.mark.parametrize('start', [None, STACK.replace(actuator={'mass': 0.05, 'damping': 900.0})])
 def test_a_slow_ramp_alone_leaves_mass_and_damping_those_of_the_start(start, channels):
     found = identify(noisy(answered(ramp(), channels=channels), 1), start)

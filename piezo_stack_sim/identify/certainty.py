@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.gap.noise import integrated_correlation
-from piezo_stack_sim.identify.refine import Fit, LOOSE
+from piezo_stack_sim.identify.refine import cost_of, descend, Fit, LOOSE
 from piezo_stack_sim.identify.tracks import blocks
 
 CONFIDENCE = 1.959964  # standard deviations, 95 %
@@ -20,6 +20,7 @@ ROUGH = 1.5
 WIDE = 0.05  # half width of an interval, relative, above which a parameter is not determined
 ANY = 1.0  # half width from which an interval says no more than that it may be anything
 UNKNOWN = 20.0  # half width of what is anything
+FOLLOWING = 8  # steps in which all else follows
 ROWS_OF_A_PERIOD = 3  # of the resonance, at the least, in the fastest recording
 MOTION = ('mass', 'damping')
 SPLIT_NAMES = ('stiffness', 'linear_capacitance', 'transformer_ratio')
@@ -55,7 +56,10 @@ def estimates(fit: Fit, kept=()) -> list[Estimate]:
 
     The covariance is that of weighted least squares with residuals that are
     correlated in time: each channel of each recording counts as many rows as
-    its misfit has independent ones.
+    its misfit has independent ones.  What the vector says outright
+    (`Layout.shown`) is tried by a step of `WIDE` in which all else follows: where
+    recordings are blind, differences of simulations are the error of these, and
+    look like a slope.
 
     Parameters
     ----------
@@ -84,6 +88,10 @@ def estimates(fit: Fit, kept=()) -> list[Estimate]:
     covariance = to_named @ inverse @ spread @ inverse @ to_named.T
     named = layout.named(fit.vector)
     widths = dict(zip(named, ROUGH * CONFIDENCE * np.sqrt(np.maximum(np.diag(covariance), 0.0))))
+    for name, place in layout.shown:
+        if widths[name] <= WIDE:
+            follows = inverse[place] / inverse[place, place]  # at the least cost, by the slopes
+            widths[name] *= _blindness(fit, place, follows)
     load = layout.device.load
     frequency = math.sqrt((named['k + T^2/C'] + load.stiffness)
                           / (named['mass'] + load.mass)) / (2.0 * math.pi)
@@ -102,6 +110,28 @@ def estimates(fit: Fit, kept=()) -> list[Estimate]:
         result.append(Estimate(name, value, value * math.exp(-width), value * math.exp(width),
                                name in fixed, advice, name in kept))
     return result
+
+
+def _blindness(fit: Fit, place: int, follows: np.ndarray) -> float:
+    """
+    Return how much less the cost rises with an entry of the vector than its slope says; >= 1.
+
+    ``follows`` (p,) is the direction in which all else follows.
+    """
+    slope = WIDE * (fit.jacobian @ follows)
+    others = np.delete(np.arange(fit.vector.size), place)
+    near = np.zeros(follows.size)  # what is not seen at all would follow anywhere
+    for _, shown in fit.layout.shown:
+        near[shown] = follows[shown]
+
+    def cost(step):
+        moved = descend(fit.layout, fit.vector + step * near, fit.tracks, others, FOLLOWING,
+                        fit.start, loose=LOOSE)
+        return cost_of(fit.layout, moved, fit.tracks)
+
+    here = float(fit.residual @ fit.residual)
+    rise = min(cost(WIDE), cost(-WIDE)) - here
+    return max(math.sqrt(float(slope @ slope) / max(rise, 1e-9 * here)), 1.0)
 
 
 def unseen(certain: list[Estimate]) -> list[str]:

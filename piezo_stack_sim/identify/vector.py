@@ -53,6 +53,12 @@ class Layout:
         """How many numbers the vector has."""
         return LINEAR + self.n + self.breaks + len(self.polarised)
 
+    @property
+    def shown(self) -> tuple[tuple[str, int], ...]:
+        """Which combinations the vector has, by the names of `named`, and where in it."""
+        return (('T/C', RATIO), ('k + T^2/C', OPEN),
+                ('1/C + maxwell_stiffness[-1]', LINEAR + self.n - 1))
+
     def actuator(self, vector) -> Actuator:
         """Return the actuator that a vector stands for; elements in order of break charge."""
         ratio, stiff, m, b = (math.exp(vector[i]) for i in (RATIO, OPEN, MASS, DAMPING))
