@@ -173,4 +173,3 @@ def test_a_capacitor_in_series_is_a_spring_with_a_smaller_ratio():
             {'parallel_stiffness': {'stiffness': spring}})
     assert np.linalg.norm(response_of(Device.nominal(), names) - hidden) > 100.0
     assert np.linalg.norm(response_of(twin, names) - hidden) < 1.0
-    assert 'capacitor in series' in EFFECTS['parallel_stiffness'].twin

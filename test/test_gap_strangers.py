@@ -12,6 +12,7 @@ from piezo_stack_sim.gap.course import Course
 from piezo_stack_sim.gap.evidence import prepare
 from piezo_stack_sim.gap.fit import Fitter
 from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.in_series import capacitor_in_series
 from piezo_stack_sim.gap.meeting import meet
 from piezo_stack_sim.gap.where import block_residuals
 from piezo_stack_sim.plant import Device, simulate
@@ -315,3 +316,37 @@ def test_a_force_that_alternates_along_the_way_is_told_by_its_pitch(
     suspect = suspect_pitch(course, not_felt)
     assert (suspect and suspect.block) == (block if told else None)
     assert not told or '1.7 um' in suspect.reason
+
+
+def in_series(device, farads):
+    """Return a stack in series with a capacitor, which a Maxwell element is that never slips."""
+    actuator = device.actuator
+    return device.replace(actuator=actuator.replace(
+        maxwell_stiffness=(*actuator.maxwell_stiffness, 1.0 / farads),
+        maxwell_break_voltage=(*actuator.maxwell_break_voltage, 1e6)))
+
+
+def better_than_a_spring(device, recordings):
+    """Return how much better a capacitor in series explains a set than the best spring."""
+    fitter, nominal = fitter_of(device, recordings)
+    spring = fitter.fit({'parallel_stiffness': {'stiffness': 1e6}}, nominal.phi)
+    return capacitor_in_series(fitter, spring)
+
+
+def test_a_capacitor_in_series_asks_for_less_re_tuning_than_the_spring_that_looks_like_it(device):
+    # 40 uF of 1.2 uF: 3 % of the elastance with the end clamped, a third of that with it free.
+    found = better_than_a_spring(device, a_set(in_series(device, 40e-6)))
+    assert found.better > 100.0 and found.chance < 1e-3
+    assert found.farads == pytest.approx(40e-6, rel=0.2)
+
+
+def test_a_spring_is_no_capacitor_in_series(device):
+    found = better_than_a_spring(device, a_set(device.with_effects(
+        {'parallel_stiffness': {'stiffness': 3e6}})))
+    assert found.better < -100.0 and found.chance > 0.99
+
+
+def test_a_capacitor_in_series_is_unknown_and_electrical(device):
+    document = diagnose_set(a_set(in_series(device, 40e-6)), device).document
+    assert (document['verdict'], document['where']['block']) == ('UNKNOWN', 'electrical')
+    assert 'in series with the stack' in document['reason']

@@ -63,10 +63,9 @@ class Effect:
     ``becomes`` names the effect that it is where its strength is at its other end:
     a stop without a gap is a spring.  ``before_its_time`` names its time constant and the effect
     that it cannot be told from before that has passed.  ``form_like`` names effects that
-    resemble what its form leaves out, ``twin`` says what does the same to all channels and is
-    none of them.  Of an effect that follows the displacement and never acts on it
-    ``answer(**values)`` returns the transfer function, numerator and denominator in falling powers
-    of s, from the displacement to what it adds to the reading.
+    resemble what its form leaves out.  Of an effect that follows the displacement and never
+    acts on it ``answer(**values)`` returns the transfer function, numerator and denominator in
+    falling powers of s, from the displacement to what it adds to the reading.
     """
 
     id: str  # noqa: A003
@@ -81,7 +80,6 @@ class Effect:
     becomes: str = ''
     before_its_time: tuple[str, str] | None = None
     form_like: tuple[str, ...] = ()
-    twin: str = ''
     answer: Callable | None = None
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:

@@ -200,8 +200,6 @@ def _warnings(fit: Fit, verdict: Verdict, singles: list[Ranked], thresholds: Thr
     if second is not None:
         notes.append(f'perhaps a second cause: {words(second)} predicts more rows, but removes '
                      'less')
-    notes += [f'{EFFECTS[name].twin} does the same as {words(name)}: rule it out'
-              for name in verdict.selected if EFFECTS[name].twin]
     if fit.line is not None and fit.line.is_unsteady:
         notes.append(f'the phase of {TONE} is another in every recording: a corrected device '
                      'swings as much, but not in step with the real one')

@@ -16,6 +16,7 @@ from piezo_stack_sim.gap.course import (
 from piezo_stack_sim.gap.decision import Decision
 from piezo_stack_sim.gap.fit import Fit, Fitter
 from piezo_stack_sim.gap.forward import simulate_channels
+from piezo_stack_sim.gap.in_series import capacitor_in_series, SPRING
 from piezo_stack_sim.gap.meeting import meet, Met
 from piezo_stack_sim.gap.quantities import words
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
@@ -32,6 +33,7 @@ LEFT = 0.6  # part of what a cause leaves that one may leave who takes its place
 WORTH = 0.03  # part of the gap that a cause must leave to be asked at all
 STRUCTURED = 0.005  # and this, where what it leaves has structure
 SPOILT = 6.0  # times the power that a channel had, or its noise, that no cause leaves it
+AS_WELL = 15.0  # nats up to which a cause and one that the library lacks explain as much
 SURER = 10.0  # nats by which a stranger must be better than a cause
 
 
@@ -43,8 +45,9 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     Where something that the library lacks leaves clearly less, that is why (gap/strangers.py).  A
     clock that runs fast is late by ever more: in recordings that are alike long, much of that
     is what a lag does.  What a lag leaves of it no lag does.  A part that has play stops where
-    one that rubs does, but the stack does not feel it: the charge tells.  And what explains one
-    channel by making another wrong that was right, explains nothing.
+    one that rubs does, but the stack does not feel it: the charge tells.  A capacitor in series
+    with the stack looks like a spring beside it (gap/in_series.py).  And what explains one channel
+    by making another wrong that was right, explains nothing.
 
     Parameters
     ----------
@@ -59,6 +62,18 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
 
     """
     verdict, best = decision.verdict, decision.singles[0]
+    if verdict.selected and SPRING in (*verdict.selected, *verdict.tie):
+        other = capacitor_in_series(fitter, decision.chosen(search))
+        if other.better > AS_WELL:
+            return _unknown(decision, other.suspect, thresholds, f'{_known(best)}, but ')
+        if other.better > -AS_WELL:
+            verdict = replace(
+                verdict, confidence=verdict.confidence * other.chance,
+                single=verdict.single * other.chance,
+                pairs={name: other.chance * sure for name, sure in verdict.pairs.items()},
+                reason=f'{verdict.reason}; {other.words}, which the library lacks, would explain '
+                       'it as well')
+            decision = replace(decision, verdict=verdict)
     spoilt = _spoilt(search, decision)
     stranger = _stranger(fitter, search, decision, thresholds, asked=bool(spoilt))
     # What is wrong at the terminals is not explained by what lies behind.

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 import math
+import operator
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.ranked import Ranked, Thresholds
@@ -112,8 +113,10 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
             # A filter of two poles is a lag with a delay, whichever way one looks at it.
             and not (EFFECTS[one].is_late and EFFECTS[other].is_late)):
         return False
-    if (pair.excess < min(t.heard, t.tenth * best.excess) and pair.part > t.nearly_all
-            and min(pair.second, 0.5 * pair.over) > t.second):
+    # Or, of the gap, hardly anything of what one leaves.
+    finishes = 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
+    if (pair.excess < t.tenth * best.excess and (pair.excess < t.heard or finishes)
+            and pair.part > t.nearly_all and min(pair.second, 0.5 * pair.over) > t.second):
         return True
     if (pair.part > t.mended_part and min(pair.second, pair.over) > t.formed
             and pair.wrong < t.unmistaken
@@ -135,6 +138,13 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
 def are_alike_in_form(one: str, other: str) -> bool:
     """Tell whether one of two effects is known to resemble what the form of the other leaves."""
     return one in EFFECTS[other].form_like or other in EFFECTS[one].form_like
+
+
+def is_mere_form(best: Ranked, pair: Ranked, pairs: Collection[Ranked]) -> bool:
+    """Tell whether what the form of the first is known to miss explains more than a second."""
+    return best.name in pair.name.split('+') and any(
+        best.name in other.name.split('+') and are_alike_in_form(*other.name.split('+'))
+        and other.second > pair.second and other.removed >= pair.removed for other in pairs)
 
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
@@ -170,8 +180,8 @@ def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
 
     Each must be believed in for itself: else one that is not would be named for leaving as little.
     Where the second shows only where the first hardly acts, so must that of the others.  Only one
-    that differs by what resembles one of the two, and does as well by all rows, is left open by
-    whatever rule that was believed in.
+    that differs by what resembles one of the two, and does as well by all rows or better by all
+    that counts for it, is left open by whatever rule that was believed in.
     """
     def rules(pair):
         return {rule for rule in (counts, stands_clear, well_formed, are_two_of_a_kind)
@@ -181,7 +191,11 @@ def rivals_of(name: str, best: Ranked, pairs: Collection[Ranked], t: Thresholds,
         return (pair.over < math.inf
                 and frozenset(set(name.split('+')) ^ set(pair.name.split('+'))) in kin
                 and pair.gain > chosen.gain - t.temperature
-                and 1.0 - pair.removed <= t.loses * (1.0 - chosen.removed))
+                and (1.0 - pair.removed <= t.loses * (1.0 - chosen.removed)
+                     or all(map(operator.gt, worth(pair), worth(chosen)))))
+
+    def worth(pair):
+        return pair.over, pair.second, pair.part, pair.form, pair.gain, -pair.left
 
     known = {pair: rules(pair) for pair in pairs}
     chosen, by = next((pair, rules) for pair, rules in known.items() if pair.name == name)

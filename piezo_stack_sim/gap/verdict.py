@@ -14,7 +14,8 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.quantities import significant, words
 from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked, Thresholds
 from piezo_stack_sim.gap.second import (
-    are_two_of_a_kind, counts, is_in_the_shade, is_outshone, stands_clear, well_formed)
+    are_two_of_a_kind, counts, is_in_the_shade, is_mere_form, is_outshone, stands_clear,
+    well_formed)
 
 # The title of a report speaks of one channel, what decides is the sum.
 OF_ALL = 'of the removable gap in all channels together'
@@ -246,7 +247,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
             and not is_outshone(best, formed, pairs, t, kin)):
         return two(formed, _why_formed(best, formed))
     for pair in filter(whole, pairs):
-        if are_two_of_a_kind(best, pair, t, kin):
+        if are_two_of_a_kind(best, pair, t, kin) and not is_mere_form(best, pair, pairs):
             return two(pair, _why_two(best, pair))
     alone = _is_alone(singles, t)
     singles = contenders(singles, t)
@@ -288,8 +289,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        f'{len(tie)} effects', among, sure)
     does = (f'removes {_percent(named.removed)} {OF_ALL}' if explained >= t.explained
             else 'explains what hardly stands out of the noise')
-    return Verdict('CAUSE', (named.name,), (named.name,),
-                   f'{words(named.name)} {does} and nothing else comes close', among, sure)
+    return Verdict('CAUSE', (named.name,), (named.name,), f'{words(named.name)} {does} and '
+                   'nothing else in the library comes close', among, sure)
 
 
 def _by_rank(pair: Ranked, singles: list[Ranked], t: Thresholds) -> tuple[str, ...]:
