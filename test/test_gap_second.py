@@ -202,7 +202,8 @@ def test_what_resembles_a_believed_second_and_does_as_well_is_left_open(stop_and
     worse = replace(twin, gain=twin.gain - 3.0)
     assert worse not in rivals_of(believed.name, singles[0], [believed, worse], DEFAULTS, kin)
     # It may leave more of the gap, by errors of form, only where it does better by all else.
-    bent = replace(twin, removed=1.0 - 3.0 * (1.0 - believed.removed), gain=twin.gain + 2.0)
+    bent = replace(twin, gain=twin.gain + 2.0,
+                   removed=1.0 - 3.0 * (1.0 - believed.removed))
     assert bent not in rivals_of(believed.name, singles[0], [believed, bent], DEFAULTS, kin)
     bent = replace(bent, over=believed.over + 1.0, second=believed.second + 1.0, part=0.5,
                    form=400.0, left=0.5 * believed.left)
@@ -212,7 +213,7 @@ def test_what_resembles_a_believed_second_and_does_as_well_is_left_open(stop_and
 
 @pytest.mark.parametrize('hardening, word', [(660.0, 'CAUSE'), (460.0, 'MULTIPLE')])
 def test_of_what_a_form_is_known_to_miss_another_is_no_second_cause_either(hardening, word):
-    """A spring that stiffens as it is bent is no spring and a stop that is reached now and then."""
+    """A spring that stiffens as it is bent is no spring and a stop that is met now and then."""
     singles = [Ranked('parallel_stiffness', 3000.0, 0.9993, 1, 0.003, 59.0),
                Ranked('contact', 100.0, 0.3, 2, 0.8, 500.0)]
     pairs = [Ranked('parallel_stiffness+contact', 3100.0, 0.99996, 3, 0.0009, 0.4, second=470.0,
