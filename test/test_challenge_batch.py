@@ -50,6 +50,38 @@ def test_the_same_seed_makes_the_same_bytes(short, tmp_path):
     assert (other / 'labels.sha256').read_text() != (first / 'labels.sha256').read_text()
 
 
+def test_a_patchy_batch_is_the_same_but_for_its_holes(short, tmp_path):
+    """The same devices, the same noise; some readings are missing, and the reader says so."""
+    from piezo_stack_sim.recording.read import read_set
+    whole, seen = batch(tmp_path / 'a'), []
+    out = tmp_path / 'b' / 'public'
+    for index, hidden in enumerate((('one', ('creep',)), ('none', ()))):
+        make.make_set(out, index, 11, *hidden, patchy=True)
+        name = make.set_name(index)
+        assert (out / 'devices' / f'{name}.yaml').read_bytes() == (
+            whole / 'devices' / f'{name}.yaml').read_bytes()
+        for one, other in zip(read_set([str(whole / name)]).recordings,
+                              read_set([str(out / name)]).recordings):
+            assert np.array_equal(one.command, other.command)
+            for channel, values in other.measured.items():
+                there = ~np.isnan(values)
+                assert np.array_equal(values[there], one.measured[channel][there])
+                seen.append(there.mean())
+    assert min(seen) < 0.999 and min(seen) > 0.1
+    assert make.batch_id(9, 7) != make.batch_id(9, 7, patchy=True)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_a_slow_sensor_is_slow_in_every_recording_of_its_set(seed):
+    """Besides, at most one message in twenty is lost."""
+    whole = [{'displacement': np.ones(n), 'charge': np.ones(n)} for n in (4000, 1600)]
+    held = make.with_holes(whole, np.random.default_rng(seed))
+    for channel in whole[0]:
+        parts = [float(np.mean(~np.isnan(each[channel]))) for each in held]
+        assert parts[0] == pytest.approx(parts[1], abs=0.03)
+        assert any(0.94 / every <= parts[0] <= 1.0 / every for every in (1, 2, 4, 5, 8))
+
+
 def test_the_public_folder_does_not_tell_what_is_hidden(short, tmp_path):
     """Neither names nor seed, in no file."""
     out = batch(tmp_path)

@@ -47,7 +47,8 @@ def set_name(index):
     return f'set_{index:03d}'
 
 
-def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=False):
+def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=False,
+         patchy=False):
     """
     Make a batch: the public folder `out` and, beside it, its labels.
 
@@ -64,6 +65,8 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=F
         Called with the number of finished sets.
     unforeseen : bool, optional
         Whether all sets hide what no rule of the diagnosis was made for.
+    patchy : bool, optional
+        Whether readings are missing: the devices are the same, their recordings have holes.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=F
     out = Path(out)
     if sets < 1:
         raise InputError(f'--sets {sets}: expected at least 1')
-    ours = batch_id(sets, seed, unforeseen)
+    ours = batch_id(sets, seed, unforeseen, patchy)
     truth = labels.truth_folder(out)
     owner = truth / 'batch.txt'
     if owner.is_file() and owner.read_text().strip() != ours:
@@ -93,7 +96,7 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=F
     finished = sets - len(waiting)
     if progress:
         progress(finished)
-    tasks = [(out.resolve(), i, seed, *schedule[i]) for i in waiting]
+    tasks = [(out.resolve(), i, seed, *schedule[i], patchy) for i in waiting]
     for _, result in spread(make_set, tasks, jobs, scheduler):
         if isinstance(result, Exception):
             raise result
@@ -112,13 +115,13 @@ def make(sets, seed, out, jobs=None, scheduler=None, progress=None, unforeseen=F
     })
 
 
-def batch_id(sets, seed, unforeseen=False):
+def batch_id(sets, seed, unforeseen=False, patchy=False):
     """Return a fingerprint of a batch, of which the seed cannot be read off."""
-    kind = ' unforeseen' if unforeseen else ''
+    kind = (' unforeseen' if unforeseen else '') + (' patchy' if patchy else '')
     return hashlib.sha256(f'challenge/1 {sets} {seed}{kind}'.encode()).hexdigest()[:16]
 
 
-def make_set(out, index, seed, kind, ids):
+def make_set(out, index, seed, kind, ids, patchy=False):
     """Make one set and write it with its truth; `kind` and `ids` come from the schedule."""
     name = set_name(index)
     random = np.random.default_rng([seed, index])
@@ -152,6 +155,9 @@ def make_set(out, index, seed, kind, ids):
             break
     measured = [with_noise(setting, programme, channels, random)
                 for programme, channels in zip(recordings, true)]
+    if patchy:
+        # By dice of its own: the device and its noise are those of the same seed without holes.
+        measured = with_holes(measured, np.random.default_rng([seed, index, 0x401E5]))
     for programme, channels in zip(recordings, measured):
         write_recording(out / name / f'{programme.name}.csv.gz', programme, channels,
                         setting.force_column)
@@ -174,6 +180,29 @@ def with_noise(setting, programme, channels, random):
             values = values - values[0]
         out[channel] = noise.quantise(values)
     return out
+
+
+def with_holes(measured, random):
+    """
+    Return the channels of every recording with readings missing, NaN.
+
+    In two of three sets a sensor, or all of them, gives every second to every eighth row only;
+    in one of two, messages are lost here and there.
+
+    """
+    every = dict.fromkeys(measured[0], 1)
+    for channel in every if random.random() < 0.33 else [str(random.choice(list(every)))]:
+        every[channel] = int(random.choice([1, 2, 4, 5, 8], p=[1 / 3, 1 / 4, 1 / 6, 1 / 6, 1 / 12]))
+    lost = random.uniform(0.005, 0.05) if random.random() < 0.5 else 0.0
+    holes = []
+    for channels in measured:
+        held = {}
+        for channel, values in channels.items():
+            there = np.arange(values.size) % every[channel] == 0
+            there &= random.random(values.size) >= lost
+            held[channel] = np.where(there, values, np.nan)
+        holes.append(held)
+    return holes
 
 
 def write_recording(path, programme, channels, force_column):

@@ -44,14 +44,16 @@ def command():
               help='Public folder; labels go to DIR.labels.json and DIR.truth beside it.')
 @click.option('--unforeseen', is_flag=True,
               help='Only effects that no rule of the diagnosis was made for.')
+@click.option('--patchy', is_flag=True,
+              help='Sensors slower than the command, lost messages: the same devices, with holes.')
 @jobs_option
 @scheduler_option
-def make_command(sets, seed, out, unforeseen, jobs, scheduler):
+def make_command(sets, seed, out, unforeseen, patchy, jobs, scheduler):
     """Make recording sets of devices with hidden effects."""
     from piezo_stack_sim.challenge.make import make
 
     with counted('Making devices', sets) as progress:
-        labels = make(sets, seed, out, jobs, scheduler, progress, unforeseen)
+        labels = make(sets, seed, out, jobs, scheduler, progress, unforeseen, patchy)
     click.echo(f'{sets} devices: {out}; labels: {labels}')
 
 
