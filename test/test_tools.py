@@ -112,3 +112,15 @@ def test_the_reference_has_a_page_for_every_module(tmp_path):
         assert page.name == '__main__.html' or (tmp_path / page).is_file(), page
     simulate = (tmp_path / 'piezo_stack_sim' / 'plant.html').read_text(encoding='utf-8')
     assert 'Strictly increasing times' in simulate  # words of a docstring that is imported lazily
+
+
+def test_the_readme_says_what_the_last_blind_tests_come_to():
+    """What `tools/tests_so_far.py` prints is what the README adds up."""
+    script = SCRIPT.parent / 'tests_so_far.py'
+    printed = subprocess.run([sys.executable, str(script)], check=True, capture_output=True,
+                             text=True).stdout
+    said = ' '.join((SCRIPT.parent.parent / 'README.md').read_text(encoding='utf-8').split())
+    counted = [line.split()[-3] for line in printed.splitlines()[1:]]
+    assert len(counted) == 6
+    for each in counted:
+        assert each in said or each.replace('/', ' of ') in said, each

@@ -192,7 +192,8 @@ def with_holes(measured, random):
     """
     every = dict.fromkeys(measured[0], 1)
     for channel in every if random.random() < 0.33 else [str(random.choice(list(every)))]:
-        every[channel] = int(random.choice([1, 2, 4, 5, 8], p=[1 / 3, 1 / 4, 1 / 6, 1 / 6, 1 / 12]))
+        every[channel] = int(random.choice([1, 2, 4, 5, 8], p=[4 / 12, 3 / 12, 2 / 12, 2 / 12,
+                                                               1 / 12]))
     lost = random.uniform(0.005, 0.05) if random.random() < 0.5 else 0.0
     holes = []
     for channels in measured:

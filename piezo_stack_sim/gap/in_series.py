@@ -25,7 +25,6 @@ from piezo_stack_sim.plant import Device
 
 SPRING = 'parallel_stiffness'  # of all the library has, that which looks like it
 SIZES = np.geomspace(1e-3, 0.5, 7)  # of the elastance 1/C of the stack
-NEVER = 1e6  # V at which an element slips that never does
 OFTENER = 3.0  # times as often as such a capacitor there is a spring
 ROUGHLY = 5.0  # nats by which two fits differ for elements that are about to slip
 ROUNDS, STEPS = 3, 8  # in which the derivatives are taken anew, and steps of each
@@ -98,7 +97,14 @@ def capacitor_in_series(fitter: Fitter, known: Fit) -> InSeries:
 
 def _with(device: Device, part: float) -> Device:
     """Return a device in series with a capacitor, of an elastance that is a part of its 1/C."""
-    actuator = device.actuator
+    actuator, volts = device.actuator, device.actuator.maxwell_break_voltage
+    *elastances, last = actuator.maxwell_stiffness
+    more = part / actuator.linear_capacitance
+    # It is one more element, which never slips: if the last one never does, the two are one.
+    if math.isinf(volts[-1]):
+        elastances.append(last + more)
+    else:
+        elastances += last, more
+        volts = *volts, math.inf
     return device.replace(actuator=actuator.replace(
-        maxwell_stiffness=(*actuator.maxwell_stiffness, part / actuator.linear_capacitance),
-        maxwell_break_voltage=(*actuator.maxwell_break_voltage, NEVER)))
+        maxwell_stiffness=tuple(elastances), maxwell_break_voltage=volts))
