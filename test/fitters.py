@@ -3,9 +3,9 @@
 """Fitters for tests: a nominal device beside recordings of a unit that differs from it."""
 
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import simulate_set
+from piezo_stack_sim.gap.fitting.fit import Fitter
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import simulate_set
 from piezo_stack_sim.plant import simulate
 
 NOISE = {'charge': 2e-9, 'displacement': 1e-9}

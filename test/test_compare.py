@@ -9,7 +9,7 @@ import numpy as np
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.commands import diagnose
 from piezo_stack_sim.gap.compare import compare_set
-from piezo_stack_sim.gap.wording import cut
+from piezo_stack_sim.gap.report.wording import cut
 from piezo_stack_sim.gap.write import command_of
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.progress import Bars, Stage, track

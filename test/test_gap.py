@@ -7,22 +7,22 @@ from dataclasses import replace
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import diagnose_set
-from piezo_stack_sim.gap.back_coupling import suspect_block
-from piezo_stack_sim.gap.blackbox import lagged
-from piezo_stack_sim.gap.bursts import suspect_bursts, suspect_jumps
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.course import Course, suspect_clock, suspect_heat, suspect_play
-from piezo_stack_sim.gap.evidence import of_any_colour, prepare, quieter, reweigh
-from piezo_stack_sim.gap.fit import Fit, Fitter, free_parameters
-from piezo_stack_sim.gap.forward import residuals, simulate_set
-from piezo_stack_sim.gap.misread import suspect_charge
-from piezo_stack_sim.gap.noise import estimate_noise, integrated_correlation, repetition
-from piezo_stack_sim.gap.nominal import Nuisance
+from piezo_stack_sim.gap.deciding.ranked import DEFAULTS
+from piezo_stack_sim.gap.deciding.score import Judge
+from piezo_stack_sim.gap.fitting.blackbox import lagged
+from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, free_parameters
+from piezo_stack_sim.gap.fitting.nominal import Nuisance
+from piezo_stack_sim.gap.lacking.back_coupling import suspect_block
+from piezo_stack_sim.gap.lacking.bursts import suspect_bursts, suspect_jumps
+from piezo_stack_sim.gap.lacking.course import Course, suspect_clock, suspect_heat, suspect_play
+from piezo_stack_sim.gap.lacking.misread import suspect_charge
+from piezo_stack_sim.gap.lacking.staircase import suspect_steps
+from piezo_stack_sim.gap.measured.evidence import of_any_colour, prepare, quieter, reweigh
+from piezo_stack_sim.gap.measured.forward import residuals, simulate_set
+from piezo_stack_sim.gap.measured.noise import estimate_noise, integrated_correlation, repetition
+from piezo_stack_sim.gap.measured.where import block_residuals, last_cut, shares
 from piezo_stack_sim.gap.quantities import significant
-from piezo_stack_sim.gap.ranked import DEFAULTS
-from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.staircase import suspect_steps
-from piezo_stack_sim.gap.where import block_residuals, last_cut, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet

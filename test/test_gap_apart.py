@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.apart import Apart, gain_per_charge, moved_by_charge, noise_moved
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.forward import residuals, simulate_set, spans
-from piezo_stack_sim.gap.where import block_residuals, is_driver_loudest, shares
+from piezo_stack_sim.gap.measured.apart import Apart, gain_per_charge, moved_by_charge, noise_moved
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import residuals, simulate_set, spans
+from piezo_stack_sim.gap.measured.where import block_residuals, is_driver_loudest, shares
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest

@@ -11,14 +11,14 @@ from dataclasses import replace
 from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import (
+from piezo_stack_sim.gap.fitting.candidates import (
     _from_relatives, _settles, is_idle, Probe, Search, search_singles, tune, tune_as_best)
-from piezo_stack_sim.gap.descent import _bounded_step, descend, Landscape
-from piezo_stack_sim.gap.fit import _inverse, Fit
-from piezo_stack_sim.gap.forward import followed, residuals, simulate_set, spans
-from piezo_stack_sim.gap.nominal import Nuisance
-from piezo_stack_sim.gap.pairs import _promise
-from piezo_stack_sim.gap.starts import extent_of, Place, starts_of
+from piezo_stack_sim.gap.fitting.descent import _bounded_step, descend, Landscape
+from piezo_stack_sim.gap.fitting.fit import _inverse, Fit
+from piezo_stack_sim.gap.fitting.nominal import Nuisance
+from piezo_stack_sim.gap.fitting.pairs import _promise
+from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of
+from piezo_stack_sim.gap.measured.forward import followed, residuals, simulate_set, spans
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest

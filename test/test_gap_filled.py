@@ -8,9 +8,9 @@ import numpy as np
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.compare import compare_set
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.given import simulate_given
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import simulate_set
+from piezo_stack_sim.gap.measured.given import simulate_given
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import Recording, RecordingSet

@@ -6,16 +6,18 @@ from types import SimpleNamespace
 
 from fitters import fitter_of
 import numpy as np
-from piezo_stack_sim.gap import decision, diagnose_set, pairs
-from piezo_stack_sim.gap.candidates import search_singles
+from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import Fitter, TONE
-from piezo_stack_sim.gap.form import Forms, LEAST
-from piezo_stack_sim.gap.forward import residuals, simulate_set, spans
-from piezo_stack_sim.gap.lens import Cells
-from piezo_stack_sim.gap.pairs import merit_of, search_partners
-from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
+from piezo_stack_sim.gap.deciding import decision
+from piezo_stack_sim.gap.deciding.ranked import DEFAULTS, Ranked
+from piezo_stack_sim.gap.fitting import pairs
+from piezo_stack_sim.gap.fitting.candidates import search_singles
+from piezo_stack_sim.gap.fitting.fit import Fitter, TONE
+from piezo_stack_sim.gap.fitting.form import Forms, LEAST
+from piezo_stack_sim.gap.fitting.lens import Cells
+from piezo_stack_sim.gap.fitting.pairs import merit_of, search_partners
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import residuals, simulate_set, spans
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet

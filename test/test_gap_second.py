@@ -4,9 +4,9 @@
 
 from dataclasses import replace
 
-from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
-from piezo_stack_sim.gap.second import rivals_beside_mended, rivals_of
-from piezo_stack_sim.gap.verdict import Cut, decide, tie_pairs
+from piezo_stack_sim.gap.deciding.ranked import DEFAULTS, Ranked
+from piezo_stack_sim.gap.deciding.second import rivals_beside_mended, rivals_of
+from piezo_stack_sim.gap.deciding.verdict import Cut, decide, tie_pairs
 import pytest
 
 

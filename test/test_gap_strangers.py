@@ -7,16 +7,16 @@ import math
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import diagnose_set
-from piezo_stack_sim.gap.along import suspect_pitch
-from piezo_stack_sim.gap.answered import suspect_filter
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.course import Course
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.in_series import capacitor_in_series
-from piezo_stack_sim.gap.meeting import meet
-from piezo_stack_sim.gap.where import block_residuals
+from piezo_stack_sim.gap.fitting.fit import Fitter
+from piezo_stack_sim.gap.lacking.along import suspect_pitch
+from piezo_stack_sim.gap.lacking.answered import suspect_filter
+from piezo_stack_sim.gap.lacking.course import Course
+from piezo_stack_sim.gap.lacking.in_series import capacitor_in_series
+from piezo_stack_sim.gap.lacking.meeting import meet
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import simulate_set
+from piezo_stack_sim.gap.measured.where import block_residuals
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet

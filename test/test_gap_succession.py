@@ -5,8 +5,8 @@
 from hypothesis import given, settings, strategies
 import numpy as np
 from piezo_stack_sim.gap.compare import compare_set
-from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.succession import extremes, in_succession
+from piezo_stack_sim.gap.measured.forward import simulate_set
+from piezo_stack_sim.gap.measured.succession import extremes, in_succession
 from piezo_stack_sim.plant import Device, Plant
 from piezo_stack_sim.plant.quasi_static import lead
 from piezo_stack_sim.recording import programmes, Recording, RecordingSet

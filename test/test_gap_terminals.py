@@ -7,17 +7,17 @@ from types import SimpleNamespace
 from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.gap import diagnose_set
-from piezo_stack_sim.gap.candidates import Probe, Search
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.isolability import Alike
-from piezo_stack_sim.gap.misread import is_voltage_misread
-from piezo_stack_sim.gap.ranked import DEFAULTS, Ranked
-from piezo_stack_sim.gap.terminals import Part, Terminals
-from piezo_stack_sim.gap.verdict import Cut, decide
-from piezo_stack_sim.gap.voltage import above_noise, FINE, MeasuredVoltage
+from piezo_stack_sim.gap.deciding.isolability import Alike
+from piezo_stack_sim.gap.deciding.ranked import DEFAULTS, Ranked
+from piezo_stack_sim.gap.deciding.terminals import Part, Terminals
+from piezo_stack_sim.gap.deciding.verdict import Cut, decide
+from piezo_stack_sim.gap.fitting.candidates import Probe, Search
+from piezo_stack_sim.gap.fitting.fit import Fitter
+from piezo_stack_sim.gap.lacking.misread import is_voltage_misread
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import simulate_set
+from piezo_stack_sim.gap.measured.voltage import above_noise, FINE, MeasuredVoltage
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import Recording, RecordingSet

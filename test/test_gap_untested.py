@@ -5,7 +5,7 @@
 import numpy as np
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.compare import compare_set
-from piezo_stack_sim.gap.summary import summary_lines
+from piezo_stack_sim.gap.report.summary import summary_lines
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.recording import Recording, RecordingSet
 import pytest

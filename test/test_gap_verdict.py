@@ -5,10 +5,10 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-from piezo_stack_sim.gap.decision import _simpler
-from piezo_stack_sim.gap.isolability import Alike
-from piezo_stack_sim.gap.ranked import Ranked
-from piezo_stack_sim.gap.verdict import decide, outscored, probabilities, tie_pairs
+from piezo_stack_sim.gap.deciding.decision import _simpler
+from piezo_stack_sim.gap.deciding.isolability import Alike
+from piezo_stack_sim.gap.deciding.ranked import Ranked
+from piezo_stack_sim.gap.deciding.verdict import decide, outscored, probabilities, tie_pairs
 import pytest
 
 

@@ -5,9 +5,9 @@
 from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.candidates import search_singles
-from piezo_stack_sim.gap.fit import free_parameters
-from piezo_stack_sim.gap.woken import has_late, woken
+from piezo_stack_sim.gap.fitting.candidates import search_singles
+from piezo_stack_sim.gap.fitting.fit import free_parameters
+from piezo_stack_sim.gap.fitting.woken import has_late, woken
 from piezo_stack_sim.plant import Device, Plant
 from piezo_stack_sim.recording import programmes
 import pytest

@@ -5,11 +5,11 @@
 from dataclasses import replace
 
 import numpy as np
-from piezo_stack_sim.gap.bursts import suspect_bursts
 from piezo_stack_sim.gap.compare import compare_set
-from piezo_stack_sim.gap.course import Course
-from piezo_stack_sim.gap.evidence import noisier, prepare, TOLD
-from piezo_stack_sim.gap.where import block_residuals, by_regime
+from piezo_stack_sim.gap.lacking.bursts import suspect_bursts
+from piezo_stack_sim.gap.lacking.course import Course
+from piezo_stack_sim.gap.measured.evidence import noisier, prepare, TOLD
+from piezo_stack_sim.gap.measured.where import block_residuals, by_regime
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet

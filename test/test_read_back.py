@@ -4,7 +4,7 @@
 
 import numpy as np
 from piezo_stack_sim.gap.compare import compare_set
-from piezo_stack_sim.gap.read_back import by_lines, noise_in, smoothed, without_noise
+from piezo_stack_sim.gap.measured.read_back import by_lines, noise_in, smoothed, without_noise
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 from piezo_stack_sim.recording.recording import RecordingSet

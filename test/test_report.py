@@ -15,16 +15,15 @@ import subprocess
 
 from piezo_stack_sim.cli import main
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.gap.quantities import (
-    percent, percent_with_interval, quantity, with_interval)
+from piezo_stack_sim.gap.quantities import percent, percent_with_interval, quantity, with_interval
 from piezo_stack_sim.gap.report import render_report, write_report
 from piezo_stack_sim.gap.report.chain import chain_view
 from piezo_stack_sim.gap.report.sections import (
     headline_view, loops_view, parameters_view, SECTIONS)
+from piezo_stack_sim.gap.report.summary import summary_lines, terminal_summary
+from piezo_stack_sim.gap.report.wording import verdict_sentence
 from piezo_stack_sim.gap.schema import validate, VERDICTS
 from piezo_stack_sim.gap.storage import read_diagnosis, write_diagnosis
-from piezo_stack_sim.gap.summary import summary_lines, terminal_summary
-from piezo_stack_sim.gap.wording import verdict_sentence
 import pytest
 from rich.console import Console
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.evidence import prepare
-from piezo_stack_sim.gap.experiment import next_experiment
-from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.ranked import Ranked
+from piezo_stack_sim.gap.deciding.experiment import next_experiment
+from piezo_stack_sim.gap.deciding.ranked import Ranked
+from piezo_stack_sim.gap.deciding.score import Judge
+from piezo_stack_sim.gap.fitting.fit import Fitter
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import simulate_set
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, outdone, stuck_of, worsened)
-from piezo_stack_sim.gap.score import Judge
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest

@@ -37,7 +37,7 @@ def _tables(result):
     from rich.table import Table
 
     from piezo_stack_sim.gap.quantities import percent, quantity, times_noise, UNITS
-    from piezo_stack_sim.gap.wording import cut
+    from piezo_stack_sim.gap.report.wording import cut
 
     gap = Table(title=f'Gap of {result["name"]}', box=box.SIMPLE_HEAD)
     for name in ('channel', 'rms', 'of the span', 'noise', 'over noise'):

@@ -34,7 +34,7 @@ def command(recordings, params, out, maps, units, separate, jobs, scheduler):
     recordings of one device, unless --separate is given.
     """
     from piezo_stack_sim.gap.many import diagnose_many, Job
-    from piezo_stack_sim.gap.summary import terminal_summary
+    from piezo_stack_sim.gap.report.summary import terminal_summary
     from piezo_stack_sim.gap.write import diagnose_to_folder
 
     if not separate:

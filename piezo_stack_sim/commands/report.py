@@ -21,8 +21,8 @@ def command(diagnosis, out):
 
     """
     from piezo_stack_sim.gap.report import write_report
+    from piezo_stack_sim.gap.report.summary import terminal_summary
     from piezo_stack_sim.gap.storage import read_diagnosis
-    from piezo_stack_sim.gap.summary import terminal_summary
 
     found = read_diagnosis(diagnosis)
     out = Path(out) if out else Path(diagnosis).with_name('report.html')

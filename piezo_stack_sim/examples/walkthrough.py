@@ -87,8 +87,8 @@ def powers(real: Path, simulated: Path, nominal: Device) -> dict[str, float]:
         (V^2, C^2, m^2), without the mean of a recording, which the zero of a sensor hides.
 
     """
-    from piezo_stack_sim.gap.evidence import prepare
-    from piezo_stack_sim.gap.score import channel_power
+    from piezo_stack_sim.gap.deciding.score import channel_power
+    from piezo_stack_sim.gap.measured.evidence import prepare
     from piezo_stack_sim.recording.preflight import preflight
     from piezo_stack_sim.recording.read import read_set
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezo_stack_sim.gap import where
-from piezo_stack_sim.gap.evidence import noisier, prepare
-from piezo_stack_sim.gap.given import simulate_given
+from piezo_stack_sim.gap.measured import where
+from piezo_stack_sim.gap.measured.evidence import noisier, prepare
+from piezo_stack_sim.gap.measured.given import simulate_given
 from piezo_stack_sim.gap.report_parts import gap_part, records_part
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.finding import renewed

@@ -15,21 +15,21 @@ from dataclasses import dataclass, replace
 import time
 
 import numpy as np
-from piezo_stack_sim.gap import blackbox
-from piezo_stack_sim.gap.ablation import ablations
-from piezo_stack_sim.gap.candidates import search_singles, tune_as_best, weigh_anew
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.decision import decide_search, judge_of, Removable, search_pairs
+from piezo_stack_sim.gap.deciding.ablation import ablations
+from piezo_stack_sim.gap.deciding.decision import decide_search, judge_of, Removable, search_pairs
+from piezo_stack_sim.gap.deciding.doubt import doubted
+from piezo_stack_sim.gap.deciding.isolability import isolability
+from piezo_stack_sim.gap.deciding.ranked import DEFAULTS, Thresholds
+from piezo_stack_sim.gap.deciding.terminals import look_at_terminals
+from piezo_stack_sim.gap.deciding.verdict import Verdict
 from piezo_stack_sim.gap.document import build_document
-from piezo_stack_sim.gap.doubt import doubted
-from piezo_stack_sim.gap.evidence import Evidence, noisier, prepare, reweigh
-from piezo_stack_sim.gap.fit import Fitter
-from piezo_stack_sim.gap.forward import simulate_channels, simulate_set
-from piezo_stack_sim.gap.given import simulate_given
-from piezo_stack_sim.gap.isolability import isolability
-from piezo_stack_sim.gap.ranked import DEFAULTS, Thresholds
-from piezo_stack_sim.gap.terminals import look_at_terminals
-from piezo_stack_sim.gap.verdict import Verdict
+from piezo_stack_sim.gap.fitting import blackbox
+from piezo_stack_sim.gap.fitting.candidates import search_singles, tune_as_best, weigh_anew
+from piezo_stack_sim.gap.fitting.fit import Fitter
+from piezo_stack_sim.gap.measured.evidence import Evidence, noisier, prepare, reweigh
+from piezo_stack_sim.gap.measured.forward import simulate_channels, simulate_set
+from piezo_stack_sim.gap.measured.given import simulate_given
 from piezo_stack_sim.plant import Device
 from piezo_stack_sim.recording.finding import renewed
 from piezo_stack_sim.recording.preflight import preflight
@@ -162,13 +162,13 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         result['baselines'] |= ablations(search, fitter, judge, verdict, lambda other, by: (
             decide_search(fitter, other, by, ceiling, alike, thresholds, _silent, cut).verdict))
     if len(verdict.tie) > 1:
-        from piezo_stack_sim.gap.experiment import next_experiment
+        from piezo_stack_sim.gap.deciding.experiment import next_experiment
         progress('looking for the experiment that decides')
         result['next_experiment'] = next_experiment(
             fitter, evidence,
             {name: search.correction(name) for name in verdict.pairs or verdict.tie})
     elif verdict.word == 'NOT_IDENTIFIABLE':
-        from piezo_stack_sim.gap.experiment import first_experiment
+        from piezo_stack_sim.gap.deciding.experiment import first_experiment
         progress('looking for the experiment that asks most')
         result['next_experiment'] = first_experiment(
             fitter, evidence, search.nominal.phi)

@@ -10,27 +10,28 @@ import math
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap import blackbox, where
-from piezo_stack_sim.gap.along import suspect_pitch
-from piezo_stack_sim.gap.answered import suspect_filter
-from piezo_stack_sim.gap.back_coupling import NOT_FELT, OTHER_RATIO, suspect_block
-from piezo_stack_sim.gap.bursts import suspect_bursts, suspect_jumps
-from piezo_stack_sim.gap.candidates import Search
-from piezo_stack_sim.gap.course import (
+from piezo_stack_sim.gap.deciding.decision import count, Decision
+from piezo_stack_sim.gap.deciding.ranked import Ranked, Thresholds
+from piezo_stack_sim.gap.deciding.score import Judge
+from piezo_stack_sim.gap.deciding.verdict import outscored, probabilities, Verdict
+from piezo_stack_sim.gap.fitting import blackbox
+from piezo_stack_sim.gap.fitting.candidates import Search
+from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, Free, TONE
+from piezo_stack_sim.gap.lacking.along import suspect_pitch
+from piezo_stack_sim.gap.lacking.answered import suspect_filter
+from piezo_stack_sim.gap.lacking.back_coupling import NOT_FELT, OTHER_RATIO, suspect_block
+from piezo_stack_sim.gap.lacking.bursts import suspect_bursts, suspect_jumps
+from piezo_stack_sim.gap.lacking.course import (
     Course, is_plain, suspect_clock, suspect_heat, suspect_play)
-from piezo_stack_sim.gap.decision import count, Decision
-from piezo_stack_sim.gap.evidence import Evidence
-from piezo_stack_sim.gap.fit import Fit, Fitter, Free, TONE
-from piezo_stack_sim.gap.forward import simulate_set
-from piezo_stack_sim.gap.misread import suspect_charge
+from piezo_stack_sim.gap.lacking.misread import suspect_charge
+from piezo_stack_sim.gap.lacking.staircase import suspect_steps
+from piezo_stack_sim.gap.measured import where
+from piezo_stack_sim.gap.measured.evidence import Evidence
+from piezo_stack_sim.gap.measured.forward import simulate_set
 from piezo_stack_sim.gap.quantities import words
-from piezo_stack_sim.gap.ranked import Ranked, Thresholds
 from piezo_stack_sim.gap.report_parts import (
     calibration_part, cause_part, gap_part, outdone, records_part, shrinkage_part, stuck_of,
     worsened)
-from piezo_stack_sim.gap.score import Judge
-from piezo_stack_sim.gap.staircase import suspect_steps
-from piezo_stack_sim.gap.verdict import outscored, probabilities, Verdict
 
 PAIRS_SHOWN = 5
 UNNAMED = ('UNKNOWN', 'NOT_IDENTIFIABLE')  # verdicts that name no cause, but a gap

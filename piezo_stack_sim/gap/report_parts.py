@@ -9,15 +9,15 @@ import math
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
-from piezo_stack_sim.gap.evidence import Evidence, STRETCHES
-from piezo_stack_sim.gap.filled import series
-from piezo_stack_sim.gap.fit import Fit, Fitter, Free
-from piezo_stack_sim.gap.forward import spans
-from piezo_stack_sim.gap.noise import integrated_correlation
+from piezo_stack_sim.gap.deciding.ranked import Ranked
+from piezo_stack_sim.gap.deciding.score import channel_power, Judge, noise_power, without_zero
+from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, Free
+from piezo_stack_sim.gap.measured.evidence import Evidence, STRETCHES
+from piezo_stack_sim.gap.measured.filled import series
+from piezo_stack_sim.gap.measured.forward import spans
+from piezo_stack_sim.gap.measured.noise import integrated_correlation
 from piezo_stack_sim.gap.quantities import percent, significant, words
-from piezo_stack_sim.gap.ranked import Ranked
-from piezo_stack_sim.gap.score import channel_power, Judge, noise_power, without_zero
-from piezo_stack_sim.gap.wording import times_worse
+from piezo_stack_sim.gap.report.wording import times_worse
 
 UNITS = {'mass': 'kg', 'stiffness': 'N/m', 'damping': 'N s/m', 'linear_capacitance': 'F',
          'transformer_ratio': 'N/V'}

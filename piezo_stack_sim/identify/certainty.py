@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from piezo_stack_sim.gap.noise import integrated_correlation
+from piezo_stack_sim.gap.measured.noise import integrated_correlation
 from piezo_stack_sim.identify.refine import cost_of, descend, Fit, LOOSE
 from piezo_stack_sim.identify.tracks import blocks
 

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.gap.cores import parallel
-from piezo_stack_sim.gap.forward import simulate_channels
+from piezo_stack_sim.gap.measured.forward import simulate_channels
 from piezo_stack_sim.identify.refine import cost_of, descend
 from piezo_stack_sim.identify.vector import Layout, LINEAR, OPEN, RATIO, SPLIT
 

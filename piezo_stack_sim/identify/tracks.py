@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_stack_sim.gap.forward import simulate_channels
+from piezo_stack_sim.gap.measured.forward import simulate_channels
 from piezo_stack_sim.identify.vector import Layout
 from piezo_stack_sim.recording.recording import MEASURED, Recording
 

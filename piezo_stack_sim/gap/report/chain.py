@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the gap lies: the blocks, and the shares by channel, recording, band and regime."""
 
-from piezo_stack_sim.gap.quantities import (in_order, interval, percent, quantity,
-                                            times_noise, unit_of, UNKNOWN, words)
+from piezo_stack_sim.gap.quantities import (
+    in_order, interval, percent, quantity, times_noise, unit_of, UNKNOWN, words)
+from piezo_stack_sim.gap.report.wording import blocks_in_question, shows_no_gap
 from piezo_stack_sim.gap.schema import BLOCKS
-from piezo_stack_sim.gap.wording import blocks_in_question, shows_no_gap
 
 # What flows into each block of the chain; the environment acts on the mechanical block from below
 INPUTS = {'drive': 'command', 'electrical': 'voltage', 'transducer': 'charge',

@@ -3,7 +3,7 @@
 """Which effect: the candidates in order, the ties among them and what ties on principle."""
 
 from piezo_stack_sim.gap.quantities import percent, probability, significant, UNKNOWN, words
-from piezo_stack_sim.gap.wording import tied
+from piezo_stack_sim.gap.report.wording import tied
 
 SHOWN = 8
 

@@ -9,10 +9,10 @@ is None leaves its section out.
 
 from collections import namedtuple
 
-from piezo_stack_sim.gap import wording
 from piezo_stack_sim.gap.quantities import (
     listing, percent, percent_with_interval, probability, quantity, times_noise, unit_of, UNKNOWN,
     with_interval, words)
+from piezo_stack_sim.gap.report import wording
 from piezo_stack_sim.gap.report.chain import chain_view
 from piezo_stack_sim.gap.report.ranking import isolability_view, ranking_view
 from piezo_stack_sim.gap.report.scales import Scale
