@@ -71,9 +71,11 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     search.asked.add(base)
     weighed = fitter.through(forms.lens(fit, hoped=True))
     partners, plain = (PARTNERS, PLAIN_PARTNERS) if pair is None else (EXCHANGED, PLAIN_EXCHANGED)
-    # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
+    # What is loud everywhere counts for little when weighed: some are chosen by plain rows, from
+    # where these lead: elsewhere it looks as if the nominal parameters could do as much.
     others = [name for name in names if name != base]
-    by_rows = _promises(fitter, search, others, fit)
+    led = min(fit, search.fits[base], key=lambda each: fitter.cost(each.residual, each.phi))
+    by_rows = _promises(fitter, search, others, led)
     loud = dict(by_rows[:plain])
     chosen = {**loud, **dict(_promises(weighed, search, others, fit)[:partners])}
     places = dict(by_rows)
@@ -91,7 +93,7 @@ def search_partners(fitter: Fitter, search: Search, base: str,
         left = plainly
         if (name in loud or pair.cost > without) and name != TONE:
             # From a place that looked good by its weighed rows it may not have found its way.
-            rows = fitter.fit({**fit.effects, name: places[name]}, fit.phi, PLAIN_STEPS)
+            rows = fitter.fit({**led.effects, name: places[name]}, led.phi, PLAIN_STEPS)
             left = rows.cost
             rows = weighed.fit(rows.effects, rows.phi, FIRST_STEPS, beside=rows)
             pair = min(pair, rows, key=forms.nats)
