@@ -71,14 +71,19 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     search.asked.add(base)
     weighed = fitter.through(forms.lens(fit, hoped=True))
     partners, plain = (PARTNERS, PLAIN_PARTNERS) if pair is None else (EXCHANGED, PLAIN_EXCHANGED)
-    # What is loud everywhere counts for little when weighed: some are chosen by plain rows, from
-    # where these lead: elsewhere it looks as if the nominal parameters could do as much.
+    # What is loud everywhere counts for little when weighed: some are chosen by plain rows.
     others = [name for name in names if name != base]
-    led = min(fit, search.fits[base], key=lambda each: fitter.cost(each.residual, each.phi))
-    by_rows = _promises(fitter, search, others, led)
+    by_rows = _promises(fitter, search, others, fit)
     loud = dict(by_rows[:plain])
+    places = {name: (fit, place) for name, place in by_rows}
+    # And one from where plain rows lead: where the weighed do, the nominal parameters may seem to
+    # do as much.
+    led = search.fits[base]
+    if fitter.cost(led.residual, led.phi) < fitter.cost(fit.residual, fit.phi):
+        for name, place in _promises(fitter, search, others, led)[:1]:
+            if name not in loud:
+                loud[name], places[name] = place, (led, place)
     chosen = {**loud, **dict(_promises(weighed, search, others, fit)[:partners])}
-    places = dict(by_rows)
     without, plainly = (each.cost(fit.residual, fit.phi) for each in (weighed, fitter))
     aside = replace(fit, view=None)  # through the lens of the weighed
 
@@ -93,7 +98,8 @@ def search_partners(fitter: Fitter, search: Search, base: str,
         left = plainly
         if (name in loud or pair.cost > without) and name != TONE:
             # From a place that looked good by its weighed rows it may not have found its way.
-            rows = fitter.fit({**led.effects, name: places[name]}, led.phi, PLAIN_STEPS)
+            start, place = places[name]
+            rows = fitter.fit({**start.effects, name: place}, start.phi, PLAIN_STEPS)
             left = rows.cost
             rows = weighed.fit(rows.effects, rows.phi, FIRST_STEPS, beside=rows)
             pair = min(pair, rows, key=forms.nats)
