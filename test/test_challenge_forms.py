@@ -9,7 +9,14 @@ from piezo_stack_sim.challenge.foreign import FOREIGN
 from piezo_stack_sim.challenge.hidden import Context, Range
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.effects.registry import EFFECTS
+from piezo_stack_sim.gap.cores import parallel
+from piezo_stack_sim.gap.deciding.doubt import AS_WELL
+from piezo_stack_sim.gap.fitting.fit import Fitter
+from piezo_stack_sim.gap.lacking.in_series import capacitor_in_series
+from piezo_stack_sim.gap.measured.evidence import prepare
+from piezo_stack_sim.gap.measured.forward import simulate_set
 from piezo_stack_sim.plant import Device, simulate
+from piezo_stack_sim.recording.recording import Recording
 import pytest
 from scipy.optimize import least_squares
 
@@ -173,3 +180,27 @@ def test_a_capacitor_in_series_is_a_spring_with_a_smaller_ratio():
             {'parallel_stiffness': {'stiffness': spring}})
     assert np.linalg.norm(response_of(Device.nominal(), names) - hidden) > 100.0
     assert np.linalg.norm(response_of(twin, names) - hidden) < 1.0
+
+
+@pytest.mark.parametrize('key, values, better', [
+    ('sense_capacitor', {'capacitance': 4e-5}, True),
+    ('parallel_stiffness', {'stiffness': 4e6, 'length': 6e-5}, False)])
+def test_a_hidden_capacitor_is_told_from_a_hidden_spring_by_what_must_be_re_tuned(
+        key, values, better):
+    """As the generator makes them, with the noise of good instruments."""
+    unit = (FOREIGN | KNOWN)[key].apply(Unit(), **values)
+    recordings = []
+    for seed, name in enumerate(('triangle', 'steps', 'multisine', 'force')):
+        played, random = RECORDINGS[name], np.random.default_rng(seed)
+        recordings.append(Recording(
+            name, played.time, 'voltage', played.command, external_force=played.force,
+            measured={channel: clean + FLOOR[channel] * random.standard_normal(clean.size)
+                      for channel, clean in respond(unit, played).items()}, source=name))
+    device = Device.nominal()
+    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings), device))
+    fitter.prepare(parallel)
+    spring = fitter.fit({'parallel_stiffness': {'stiffness': 1e6}})
+    found = capacitor_in_series(fitter, spring)
+    assert found.better > AS_WELL if better else found.better < -AS_WELL
+    if better:
+        assert found.farads == pytest.approx(values['capacitance'], rel=0.2)
