@@ -124,14 +124,16 @@ def _blindness(fit: Fit, place: int, follows: np.ndarray) -> float:
     for _, shown in fit.layout.shown:
         near[shown] = follows[shown]
 
-    def cost(step):
+    def rise(step):
         moved = descend(fit.layout, fit.vector + step * near, fit.tracks, others, FOLLOWING,
                         fit.start, loose=LOOSE)
-        return cost_of(fit.layout, moved, fit.tracks)
+        return cost_of(fit.layout, moved, fit.tracks) - here
 
-    here = float(fit.residual @ fit.residual)
-    rise = min(cost(WIDE), cost(-WIDE)) - here
-    return max(math.sqrt(float(slope @ slope) / max(rise, 1e-9 * here)), 1.0)
+    here, told = float(fit.residual @ fit.residual), float(slope @ slope)
+    seen = rise(WIDE)
+    if seen < told:  # to one side all else may not have followed far enough
+        seen = min(seen, rise(-WIDE))
+    return max(math.sqrt(told / max(seen, 1e-9 * here)), 1.0)
 
 
 def unseen(certain: list[Estimate]) -> list[str]:
