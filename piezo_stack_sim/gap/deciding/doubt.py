@@ -65,7 +65,9 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     if verdict.selected and SPRING in (*verdict.selected, *verdict.tie):
         other = capacitor_in_series(fitter, decision.chosen(search))
         if other.better > AS_WELL:
-            return _unknown(decision, other.suspect, thresholds, f'{_known(best)}, but ')
+            return _unknown(decision, other.suspect, thresholds, (
+                f'{" with ".join(map(words, verdict.selected))} takes more re-tuning of the '
+                'nominal parameters, or leaves more: '))
         if other.better > -AS_WELL:
             verdict = replace(
                 verdict, confidence=verdict.confidence * other.chance,

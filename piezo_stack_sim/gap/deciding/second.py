@@ -103,9 +103,10 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     A relative fills in what the form of the first misses, but not to the noise where that is
     loud, nor to a hundredth where that is far from it, nor most of what is left where the first
     hardly acts.  Unless it is known to be just what that form misses.  What explains nearly all
-    that stood out of the noise, and leaves no more than that, needs fewer nats; what leaves a
-    twentieth of the gap, and is far more than an error of form, need not reach the noise.  Nor
-    does what explains more than half of what is left, in many nats, by the very form it has.
+    that stood out of the noise, and leaves no more than that, or hardly anything of the gap,
+    needs fewer nats; what leaves a twentieth of the gap, and is far more than an error of form,
+    need not reach the noise.  Nor does what explains more than half of what is left, in many
+    nats, by the very form it has.
     """
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.excused < pair.form < math.inf
@@ -114,7 +115,6 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
             # A filter of two poles is a lag with a delay, whichever way one looks at it.
             and not (EFFECTS[one].is_late and EFFECTS[other].is_late)):
         return False
-    # Or, of the gap, hardly anything of what one leaves.
     finishes = 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
     if (pair.excess < t.tenth * best.excess and (pair.excess < t.heard or finishes)
             and pair.part > t.nearly_all and min(pair.second, 0.5 * pair.over) > t.second):
