@@ -77,6 +77,25 @@ def test_what_was_filled_in_has_no_say(device, kind, told):
     assert np.array_equal(*left) and np.any(left[0])
 
 
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_noise_is_as_loud_as_noise_where_one_message_of_twenty_was_lost(device, seed):
+    """Averages over fewer rows are louder, and rows that were filled in are not quieter."""
+    rng = np.random.default_rng(seed)
+    one, = recorded(device, 'whole').recordings
+    clean = one.measured['displacement'] - NOISE * np.random.default_rng(7).standard_normal(
+        TIME.size)
+    read = clean + NOISE * rng.standard_normal(TIME.size)
+    read[1 + rng.choice(TIME.size - 2, TIME.size // 20, replace=False)] = np.nan
+    checked, _ = preflight(RecordingSet('set', (
+        one.replace(measured={'displacement': read}),)), device)
+    checked, simulated, _ = simulate_given(checked, device)
+    track, = prepare(checked.recordings, simulated, device).tracks
+    assert track.factor > 1
+    left = track.weighted('displacement', simulated[0]['displacement'])
+    # 8000 averages tell it to 1.6 %, and the noise is known to one.
+    assert np.mean(left ** 2) == pytest.approx(1.0, abs=0.06)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', ['seldom', 'lost'])
 def test_a_cause_is_found_in_the_rows_that_were_measured(device, kind):

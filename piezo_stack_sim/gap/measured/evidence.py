@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from piezo_stack_sim.gap.measured.filled import refilled, stride
+from piezo_stack_sim.gap.measured.filled import refilled, scarcity, stride
 from piezo_stack_sim.gap.measured.loudness import louder
 from piezo_stack_sim.gap.measured.noise import ChannelNoise, estimate_noise
 from piezo_stack_sim.plant import Device
@@ -222,7 +222,7 @@ def _deviations(noise: dict[str, ChannelNoise], recording: Recording, factor: in
     def one(c):
         every = stride(recording, c)
         of_it = noise[c].deviation(every * recording.period, len(recording) // every,
-                                   max(factor // every, 1))
+                                   max(factor // every, 1)) * scarcity(recording, c, factor)
         return math.hypot(recording.unsure.get(c, 0.0), times.get(c, 1.0) * of_it)
 
     return {c: one(c) for c in CHANNELS if c in recording.measured and c in noise}

@@ -13,6 +13,7 @@ wrong by the line between these.
 from __future__ import annotations
 
 from collections.abc import Mapping
+import math
 
 import numpy as np
 
@@ -42,10 +43,29 @@ def wrong(recording: Recording, channel: str, simulated: np.ndarray) -> np.ndarr
 
 def series(recording: Recording, channel: str, simulated: np.ndarray
            ) -> tuple[np.ndarray, float]:
-    """Return what is wrong with a channel at the rate of its sensor, (k,), and its period (s)."""
-    error = wrong(recording, channel, simulated)
+    """
+    Return what is wrong with a channel in the rows that were measured, (k,), and their period (s).
+
+    Rows that were lost are left out: filled in they would hold less of the noise.
+    """
+    error = recording.measured[channel] - simulated
+    told = recording.told(channel)
     every = stride(recording, channel)
-    return error if every == 1 else error[recording.told(channel)], every * recording.period
+    return error if told is None else error[told], every * recording.period
+
+
+def scarcity(recording: Recording, channel: str, factor: int) -> float:
+    """
+    Return how many times the noise an average over ``factor`` rows has for those that were lost.
+
+    In its standard deviation, over all averages; each is over the rows that were measured.
+    """
+    told = recording.told(channel)
+    if told is None or factor == 1 or stride(recording, channel) > 1:
+        return 1.0
+    m = told.size // factor
+    part = told[:m * factor].reshape(m, factor).mean(axis=1)
+    return math.sqrt(float(np.mean(1.0 / part[part > 0.0]))) if part.any() else 1.0
 
 
 def refilled(recording: Recording, simulated: Mapping[str, np.ndarray]) -> Recording:

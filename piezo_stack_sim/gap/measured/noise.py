@@ -20,7 +20,7 @@ import math
 import numpy as np
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.gap.measured.filled import series
+from piezo_stack_sim.gap.measured.filled import SELDOM, series
 from piezo_stack_sim.recording.recording import Recording
 
 # Variance of the third difference of white noise of unit variance.
@@ -122,9 +122,11 @@ def estimate_noise(recordings, simulated, coloured: float = COLOURED,
             floors.setdefault(channel, []).append(white_level(residual))
             bands = spectra.setdefault(channel, [])
             bands += _bands(residual, period)
-            if residual.size < len(recording):
+            if residual.size < SELDOM * len(recording):
                 continue  # the inputs repeat by rows of their own
-            for difference in _differences(residual, recording, lag):
+            error = recording.measured[channel] - simulation[channel]
+            for difference in _differences(error / times.get(channel, 1.0), recording, lag,
+                                           recording.told(channel)):
                 bands += _bands(difference, period)
     for recording in recordings:
         for channel in recording.measured.keys() - spectra.keys():
@@ -198,7 +200,8 @@ def _rests(command: np.ndarray) -> bool:
     return bool(np.ptp(tail) <= 1e-6 * max(float(np.ptp(command)), 1e-12))
 
 
-def _differences(residual: np.ndarray, recording: Recording, lag: int) -> list[np.ndarray]:
+def _differences(residual: np.ndarray, recording: Recording, lag: int,
+                 told: np.ndarray | None) -> list[np.ndarray]:
     """Return residuals less those one period before, over sqrt 2, where all inputs repeat."""
     if not lag:
         return []
@@ -212,6 +215,9 @@ def _differences(residual: np.ndarray, recording: Recording, lag: int) -> list[n
             piece = (residual[first + lag:last + lag] - residual[first:last]) / math.sqrt(2.0)
             # What is linear in time is drift of the device, not noise.
             place = np.linspace(-1.0, 1.0, piece.size)
+            if told is not None:
+                both = told[first + lag:last + lag] & told[first:last]
+                place, piece = place[both], piece[both]
             out.append(piece - np.polyval(np.polyfit(place, piece, 1), place))
     return out
 
