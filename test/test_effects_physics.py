@@ -92,9 +92,33 @@ def test_response_to_20_volts_through_50_ohm(frequency, gain, phase):
 
 def test_rails_cut_at_the_same_voltage_whatever_came_before():
     time, voltage = triangle(10.0, 90.0, 3, 1000)
-    response = simulate(device('amplifier_saturation', upper=70.0), time, voltage)
+    response = simulate(device('amplifier_saturation', upper=70.0, knee=0.0), time, voltage)
     assert response.voltage.max() == 70.0
     assert np.count_nonzero(response.voltage == 70.0) > 600
+
+
+def test_a_soft_rail_is_met_little_by_little():
+    """At the rail it takes knee ln 2, three knees off a twentieth of one, and far off nothing."""
+    command = np.array([0.0, -50.0, -20.0, 20.0, 67.0, 70.0, 73.0, 90.0])
+    target = only('amplifier_saturation', lower=-20.0, upper=70.0, knee=1.0)
+    # A row is sampled just before its command takes effect.
+    voltage = simulate(target, np.arange(9) * 1e-3, np.append(command, 90.0)).voltage[1:]
+    softly = math.log(2.0)
+    assert voltage[:4] == pytest.approx([0.0, -20.0, -20.0 + softly, 20.0], abs=1e-8)
+    assert voltage[4:] == pytest.approx([
+        67.0 - 0.0486, 70.0 - softly, 70.0 - 0.0486, 70.0], abs=1e-4)
+    # Symmetric about the rail: what it stops short of is what it lets through beyond.
+    assert 67.0 - voltage[4] == pytest.approx(70.0 - voltage[6], abs=1e-9)
+
+
+def test_the_line_of_a_driver_bows_between_the_ends_of_its_range():
+    full = build_model(Device.nominal(), 'voltage').reference.voltage
+    target = only('amplifier_gain', gain_error=0.01, offset=0.3, curvature=0.002)
+    command = full * np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.0])
+    voltage = simulate(target, np.arange(6) * 1e-3, command).voltage[1:]
+    straight = 1.01 * command[:-1] + 0.3
+    assert (voltage - straight) / full == pytest.approx(
+        0.002 * np.array([0.0, 0.75, 1.0, 0.75, 0.0]), abs=1e-9)
 
 
 def test_a_charge_driver_has_no_voltage_offset():
@@ -131,6 +155,31 @@ def test_the_nominal_curve_holds_at_the_reference_time_of_creep():
         # The charge that comes late takes less than a tenth of the voltage off the Maxwell
         # elements, which then hold what they were led beyond.
         assert 0.0 <= at(DECADES, x, moment) / ideal - 1.0 < 0.1 * decades * 0.015
+
+
+@pytest.mark.parametrize('power', [-0.1, 0.0, 0.15])
+def test_creep_slows_with_a_power_of_time_or_with_its_logarithm(power):
+    time = np.concatenate([[0.0], np.logspace(-2, 3, 51)])
+    target = only('creep', gain_per_decade=0.005, power=power).with_effects({
+        'amplifier_bandwidth': SOURCE})
+    charge = simulate(target, time, np.full(time.size, 90.0)).charge
+    grown = [at(time, charge, 10.0 * start) - at(time, charge, start)
+             for start in (0.1, 1.0, 10.0)]
+    ratios = np.array(grown[1:]) / grown[:-1]
+    assert ratios == pytest.approx(10.0 ** -power, rel=0.03)
+
+
+def test_nothing_creeps_before_the_shortest_time_it_takes():
+    time = np.concatenate([[0.0], np.logspace(-4, 1, 51)])
+    early, late = (simulate(only('creep', gain_per_decade=0.02, onset=onset).with_effects({
+        'amplifier_bandwidth': SOURCE}), time, np.full(time.size, 90.0)).charge
+        for onset in (1e-3, 1e-1))
+
+    def crept(charge, start, end):
+        return at(time, charge, end) / at(time, charge, start) - 1.0
+
+    assert crept(early, 2e-3, 2e-2) > 0.015 > 0.005 > crept(late, 2e-3, 2e-2)
+    assert crept(late, 1.0, 10.0) == pytest.approx(crept(early, 1.0, 10.0), rel=0.05)
 
 
 def test_gain_falls_by_creep_with_each_decade_of_frequency():
@@ -481,7 +530,7 @@ def test_what_a_slow_sensor_is_shown_goes_on_in_calls_of_any_size():
     other.restore(state)
     assert np.array_equal(np.concatenate([*parts, other.run(command[700:]).displacement]), whole)
     with pytest.raises(InputError, match='shown besides'):
-        bare = device('sensor_lag', time_constant=0.01).with_effects(
+        bare = only('sensor_lag', time_constant=0.01).with_effects(
             {'sensor_delay': {'delay': 1.23e-3}})
         Plant(bare, 1e-4).restore(state)
 
@@ -638,9 +687,17 @@ def test_a_disturbance_is_there_at_rest_with_its_amplitude_and_frequency():
 
 def test_a_sensor_lag_halves_the_power_at_its_bandwidth():
     (gain, lag), (base, lead) = (lags(target, 1000.0)[2] for target in (
-        device('sensor_lag', time_constant=1.0 / (2.0 * math.pi * 1000.0)), IDEAL))
+        only('sensor_lag', time_constant=1.0 / (2.0 * math.pi * 1000.0)), IDEAL))
     assert gain / base == pytest.approx(math.sqrt(0.5), rel=1e-3)
     assert lag - lead == pytest.approx(45.0, abs=0.2)
+
+
+def test_a_sensor_with_a_filter_loses_half_the_amplitude_where_each_loses_half_the_power():
+    tau = 1.0 / (2.0 * math.pi * 1000.0)
+    (gain, lag), (base, lead) = (lags(target, 1000.0)[2] for target in (
+        only('sensor_lag', time_constant=tau, second_time_constant=tau), IDEAL))
+    assert gain / base == pytest.approx(0.5, rel=1e-3)
+    assert lag - lead == pytest.approx(90.0, abs=0.3)
 
 
 @pytest.mark.parametrize('delay', [2e-4, 2.5e-4, 3.3e-5])

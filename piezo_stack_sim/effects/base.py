@@ -111,8 +111,8 @@ class Effect:
 
     @property
     def is_time(self) -> bool:
-        """Tell whether it is one time and nothing else, like a delay."""
-        return [parameter.unit for parameter in self.parameters] == ['s']
+        """Tell whether one time says how strong it is, and nothing else does: like a delay."""
+        return [p.unit for p in self.parameters if p.magnitude] == ['s']
 
     @property
     def is_late(self) -> bool:

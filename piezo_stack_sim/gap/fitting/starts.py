@@ -162,7 +162,7 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
         # line from none leads to it: each strength is tried by itself, at several sizes.
         alone += [(p.name, part * _strength(p)) for p in strong for part in STRENGTHS]
         alone += [(p.name, part * extent.period) for p in times for part in PERIODS]
-    if len(effect.parameters) == len(times) == 1:
+    if effect.is_time:
         # Within the time between two rows the stack swings, and so does what a delay does.
         places += [Place({}, {p.name: part * extent.period}, dense=True)
                    for p in times for part in PARTS]
