@@ -31,17 +31,19 @@ RECORDINGS = dict(zip(programmes.NAMES, programmes.programmes(PLAN)))
 
 #: Effect: recordings that show it, hidden parameters, where the fit of the library's starts.
 #: (Not `initial_polarisation`: what any history leaves is the strain of each element, whichever
-#: way it is said, and the library has those for numbers.)
+#: way it is said, and the library has those for numbers. `amplifier_gain` without offset:
+#: here that is followed before the first row, there from it on, which alone tells them apart.)
 CASES = {
     'command_delay': ('multisine', {'delay': 9e-5, 'share': 0.4, 'phase': 0.3}, {'delay': 8e-5}),
     'amplifier_current_limit': ('decay multisine',
                                 {'limit': 0.03, 'sinks': 0.8, 'resistance': 15.0},
                                 {'limit': 0.03, 'sink_share': 0.8, 'output_resistance': 12.0}),
-    'amplifier_saturation': ('triangle', {'rail': 80.0, 'knee': 1.0}, {'upper': 80.0}),
-    'amplifier_gain': ('triangle', {'gain_error': 0.02, 'offset': 0.1, 'curvature': 0.15},
-                       {'gain_error': 0.02, 'offset': 0.1}),
+    'amplifier_saturation': ('triangle', {'rail': 80.0, 'knee': 0.7},
+                             {'upper': 80.0, 'knee': 1.0}),
+    'amplifier_gain': ('triangle', {'gain_error': 0.02, 'offset': 0.0, 'curvature': 0.18},
+                       {'gain_error': 0.02, 'offset': 2e-3, 'curvature': -5e-4}),
     'creep': ('decay steps', {'per_decade': 0.015, 'onset': 4e-3},
-              {'gain_per_decade': 0.015, 'reference_time': 3e-3}),
+              {'gain_per_decade': 0.015, 'reference_time': 3e-3, 'onset': 3e-3, 'power': -0.02}),
     'rate_dependent_hysteresis': ('triangle decay', {'growth': 0.06, 'reference': 8e-3},
                                   {'resistance': 2.0, 'dispersion': 2e-3, 'growth': 0.03,
                                    'exponent': 0.5}),
@@ -69,8 +71,8 @@ CASES = {
                                     'nominal_after': 0.1},
                     {'gain_per_decade': 0.02, 'power': 0.1, 'onset': 0.01,
                      'reference_time': 0.1}),
-    'sensor_lag': ('multisine', {'time_constant': 1.5e-4, 'second': 0.25},
-                   {'time_constant': 1.5e-4}),
+    'sensor_lag': ('multisine', {'time_constant': 1.5e-4, 'quality': 0.6},
+                   {'time_constant': 1e-4, 'second_time_constant': 5e-5}),
     'sensor_delay': ('multisine', {'delay': 8e-5, 'share': 0.5}, {'delay': 8e-5}),
     'sensor_nonlinearity': ('triangle', {'size': 3e-7, 'length': 1.3e-5},
                             {'quadratic': 0.05, 'cubic': -0.05}),

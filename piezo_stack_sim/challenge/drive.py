@@ -23,9 +23,10 @@ class Drive:
     latency: float = 0.0  # s
     gain: float = 1.0
     offset: float = 0.0  # V
-    curvature: float = 0.0  # V at 100 V, quadratic
+    curvature: float = 0.0  # V at 100 V, growing as the headroom below the supply shrinks
+    supply: float = 120.0  # V, of the output stage
     upper_rail: float = np.inf  # V, soft
-    knee: float = 1.0  # V
+    knee: float = 1.0  # V that are missing where a perfect driver would just reach its rail
     resolution: float = 0.0  # V, missing bits of the converter
     warm_up: float = 0.0  # V
     warm_up_time: float = 10.0  # s
@@ -36,10 +37,16 @@ def output(drive, command, time):
     u = np.asarray(command, dtype=float)
     if drive.resolution > 0.0:
         u = drive.resolution * np.round(u / drive.resolution)
-    v = drive.gain * u + drive.offset + drive.curvature * (u / 100.0) ** 2
+    v = drive.gain * u + drive.offset
+    if drive.curvature:
+        # The loop gain goes with the headroom, so what it leaves of an error grows as one over it.
+        headroom = np.maximum(drive.supply - u, 5.0)
+        v = v + drive.curvature * (drive.supply - 100.0) / headroom * u / 100.0
     if np.isfinite(drive.upper_rail):
-        # A soft knee instead of a corner.
-        v = drive.upper_rail - drive.knee * np.logaddexp(0.0, (drive.upper_rail - v) / drive.knee)
+        # In its triode region a transistor carries drive times headroom. The load of the stage
+        # needs as much as ever, so the error that drives it is knee^2 over the headroom.
+        middle, half = 0.5 * (v + drive.upper_rail), 0.5 * (v - drive.upper_rail)
+        v = middle - np.hypot(half, drive.knee)
     return v + drive.warm_up * (1.0 - np.exp(-np.asarray(time) / drive.warm_up_time))
 
 

@@ -49,16 +49,18 @@ def amplifier_current_limit(unit, limit, sinks, resistance):
                                                        unit.stack.output_resistance)})
 
 
-@register(KNOWN, 'drive', 'gain and offset error with a slight curvature', ALL,
-          gain_error=either_sign(5e-4, 4e-2), offset=either_sign(5e-3, 0.3),
-          curvature=uniform(-0.2, 0.2))
+@register(KNOWN, 'drive', 'gain and offset error, and a characteristic that is not quite straight',
+          ALL, gain_error=either_sign(5e-4, 4e-2), offset=either_sign(5e-3, 0.3),
+          curvature=uniform(-0.25, 0.25))
 def amplifier_gain(unit, gain_error, offset, curvature):
+    # Engineering estimate: mostly below 0.1 % of the range. Of either sign, as a bootstrapped
+    # stage may make up for more than its loop gain loses.
     return unit.change(drive={'gain': 1.0 + gain_error, 'offset': offset,
                               'curvature': 100.0 * curvature * abs(gain_error)})
 
 
-@register(KNOWN, 'drive', 'soft knee (softplus) at the rail', ALL,
-          rail=of_top(0.7, 1.01), knee=log(0.2, 1.5))
+@register(KNOWN, 'drive', 'an output stage that gives way little by little near its rail', ALL,
+          rail=of_top(0.7, 1.01), knee=log(0.15, 1.0))
 def amplifier_saturation(unit, rail, knee):
     return unit.change(drive={'upper_rail': rail, 'knee': knee})
 
@@ -220,11 +222,11 @@ def periodic_disturbance(unit, size, frequency, harmonic, free, seed):
 
 # -- sensor ----------------------------------------------------------------------------------
 
-@register(KNOWN, 'sensor', 'two real poles', 'displacement', time_constant=log(1e-6, 4e-4),
-          second=uniform(0.15, 0.3))
-def sensor_lag(unit, time_constant, second):
-    return unit.change(sensing={'lag': (1.0 - second) * time_constant,
-                                'second_lag': second * time_constant})
+@register(KNOWN, 'sensor', 'the low pass of the electronics that read the sensor', 'displacement',
+          time_constant=log(1e-6, 4e-4), quality=uniform(0.55, 0.68))
+def sensor_lag(unit, time_constant, quality):
+    # Between a Bessel filter, which keeps the shape, and a Butterworth filter, which is flat.
+    return unit.change(sensing={'lag': time_constant, 'lag_quality': quality})
 
 
 @register(KNOWN, 'sensor', 'a converter with its own clock that shows its last finished reading',

@@ -42,8 +42,8 @@ class Sensing:
     run_up_from: float = 20.0  # Hz
     run_up_to: float = 150.0  # Hz
     # Displacement sensor
-    lag: float = 0.0  # s, dominant pole
-    second_lag: float = 0.0  # s
+    lag: float = 0.0  # s, by which its output filter is late at low frequencies
+    lag_quality: float = 0.577  # of that filter's pair of poles: Bessel 0.577, Butterworth 0.707
     conversion_period: float = 0.0  # s, converter with its own clock
     conversion_latency: float = 0.0  # s
     clock_error: float = 0.0
@@ -81,6 +81,30 @@ def low_pass(time, signal, lag):
         ramp = (signal[i] - signal[i - 1]) / dt * lag
         y = signal[i] - ramp + (y - signal[i - 1] + ramp) * np.exp(-dt / lag)
         out[i] = y
+    return out
+
+
+@njit(cache=True)
+def filtered(time, signal, lag, quality):
+    """
+    Return a second-order low pass of a signal that is straight between its samples, exactly.
+
+    Of a quality above 1/2: a pair of complex poles, of which one is followed.
+
+    """
+    out = np.empty_like(signal)
+    omega = 1.0 / (quality * lag)
+    damping = 0.5 / quality
+    pole = omega * (-damping + 1j * np.sqrt(1.0 - damping * damping))
+    share = omega * omega / (2j * pole.imag)
+    y = -share / pole * signal[0]
+    out[0] = signal[0]
+    for i in range(1, signal.size):
+        dt = time[i] - time[i - 1]
+        ramp = (signal[i] - signal[i - 1]) / dt / pole
+        y = (-share / pole * (signal[i] + ramp)
+             + (y + share / pole * (signal[i - 1] + ramp)) * np.exp(pole * dt))
+        out[i] = 2.0 * y.real
     return out
 
 
@@ -148,9 +172,8 @@ def measure(sensing, trace, time, index):
     x = x + sum((part * swing(t, x, frequency, sensing.mode_damping) for part, frequency
                  in zip(sensing.mode_parts, sensing.mode_frequencies)), np.zeros_like(x))
     x = x + surroundings(sensing, t - t[0], random)
-    for lag in (sensing.lag, sensing.second_lag):
-        if lag > 0.0:
-            x = low_pass(t, x, lag)
+    if sensing.lag > 0.0:
+        x = filtered(t, x, sensing.lag, sensing.lag_quality)
     seen = time[0] + (time - time[0]) * (1.0 + sensing.clock_error) - sensing.conversion_latency
     if sensing.conversion_period > 0.0:
         # The converter finished its last reading at its own last tick.
