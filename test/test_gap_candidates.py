@@ -7,6 +7,7 @@ What is lost is tried in the library's own form: it asks of the search alone.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 from fitters import fitter_of
 import numpy as np
@@ -14,7 +15,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.fitting.candidates import (
     _from_relatives, _settles, is_idle, Probe, Search, search_singles, tune, tune_as_best)
 from piezo_stack_sim.gap.fitting.descent import _bounded_step, descend, Landscape
-from piezo_stack_sim.gap.fitting.fit import _inverse, Fit
+from piezo_stack_sim.gap.fitting.fit import _inverse, Fit, Fitter
 from piezo_stack_sim.gap.fitting.nominal import Nuisance
 from piezo_stack_sim.gap.fitting.pairs import _promise
 from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of
@@ -213,6 +214,25 @@ def test_what_only_the_other_way_would_gain_promises_nothing(device):
     assert gain(-there, 0.0, np.inf) == (pytest.approx(0.0, abs=1e-6 * whole), 0.0)
     # Half of the way of a parabola is three quarters of its fall.
     assert gain(there, 0.0, factors / 2.0)[0] == pytest.approx(0.75 * whole)
+
+
+@pytest.mark.parametrize('wanted, bound', [((5.0, -4.0), 1.0), ((0.5, -3.0), 1.0),
+                                           ((4.0, 4.0), 2.0), ((0.3, -0.7), 1.0)])
+def test_a_look_within_bounds_promises_what_is_best_there(wanted, bound):
+    """Of two strengths that are much alike, one cut off would leave the other to do harm."""
+    random = np.random.default_rng(8)
+    one, other = random.standard_normal((2, 400))
+    directions = np.column_stack([one, one + 0.2 * other])
+    left = -directions @ wanted + 0.1 * random.standard_normal(400)
+    rows = SimpleNamespace(cleared=lambda each, fit: each,
+                           view=lambda fit: SimpleNamespace(left=left))
+    gain, factors = Fitter.linear_gain(rows, directions, None,
+                                       lambda f: np.clip(f, -bound, bound))
+    assert np.abs(factors).max() <= bound + 1e-9
+    tried = np.array(np.meshgrid(*2 * (np.linspace(-bound, bound, 401),))).reshape(2, -1)
+    falls = left @ left - np.sum((left[:, None] + directions @ tried) ** 2, axis=0)
+    assert gain == pytest.approx(falls.max(), rel=1e-3)
+    assert factors == pytest.approx(tried[:, falls.argmax()], abs=0.02)
 
 
 def test_a_second_effect_that_would_have_to_be_negative_promises_nothing(device):

@@ -47,7 +47,7 @@ EFFECT = Effect(
         Parameter('quadratic', '1', 0.0, -0.06, 0.4, 0.08,
                   'voltage at full charge beyond the straight line; positive: saturation',
                   runtime=False),
-        Parameter('cubic', '1', 0.0, -0.03, 0.1, 0.0,
+        Parameter('cubic', '1', 0.0, -0.1, 0.1, 0.0,
                   'the same, odd in the charge: both ends of a bipolar loop alike', runtime=False),
         Parameter('branch', '1', 0.0, -0.1, 0.1, 0.0,
                   'by how much elements break later rising than falling', runtime=False),

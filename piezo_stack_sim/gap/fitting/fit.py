@@ -299,6 +299,9 @@ class Fitter:
         along = scale * (clear.T @ self.view(fit).left)
         best = np.linalg.solve(alike, along)
         factors = within(-scale * best)
+        if not np.allclose(factors, -scale * best):
+            factors = -scale * _bounded(alike, along, *(
+                -within(end) / scale for end in np.outer((np.inf, -np.inf), np.ones(best.size))))
         missed = best + factors / scale
         return float(along @ best - missed @ alike @ missed), factors
 
@@ -455,6 +458,22 @@ class Fitter:
         values.pop(TONE, None)  # matched to what the others leave, in each recording anew
         residual = self._simulated(_frozen(values), tuple(phi))
         return residual if tone is None else tone.match(residual)[1]
+
+
+def _bounded(square: np.ndarray, along: np.ndarray, lower: np.ndarray, upper: np.ndarray
+             ) -> np.ndarray:
+    """
+    Return the least squares (k,) of normal equations within bounds (k,).
+
+    Where two directions are much alike, one that is merely cut off at its bound leaves the other
+    where it makes everything worse.
+    """
+    from scipy.optimize import lsq_linear
+    root = np.linalg.cholesky(square)
+    # A bound may be where the solver wants some room.
+    room = np.where(upper > lower, 0.0, 1e-12)
+    return lsq_linear(root.T, np.linalg.solve(root, along), (lower - room, upper + room),
+                      method='bvls').x
 
 
 def _inverse(square: np.ndarray) -> np.ndarray:
