@@ -46,6 +46,7 @@ class Thresholds:
     clear_first: float = 0.9  # where the first removes so much: else what is left may be anything
     formed: float = 250.0  # or else nats that errors of form must excuse less of two than of one
     excused: float = 40.0  # nats of these that any second must have
+    half_formed: float = 150.0  # and a relative that with the first leaves less than half
     misformed: float = 0.3  # share of what the second does by which its form may be wrong
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.75  # or else, by the power of the gap

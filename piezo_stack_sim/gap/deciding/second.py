@@ -42,7 +42,8 @@ def second_explains(best: Ranked, pair: Ranked, t: Thresholds,
     if are_relatives(best, pair, kin):
         # What the form of the first misses, a relative fills in: it takes more to believe in two.
         halves = (1.0 - pair.removed <= t.halves * (1.0 - best.removed)
-                  and pair.left <= t.halves * best.left and t.formed < pair.form < math.inf)
+                  and pair.left <= t.halves * best.left
+                  and t.half_formed < pair.form < math.inf)
         return best.removed < t.alone and pair.part > (
             t.second_part if halves else t.relative_part)
     return pair.part > (t.finish_part if finishes else t.second_part)
