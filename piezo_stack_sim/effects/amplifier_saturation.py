@@ -48,4 +48,6 @@ EFFECT = Effect(
         Parameter('knee', 'V', 0.0, 0.0, 10.0, 0.5, 'width in which the rails are met',
                   magnitude=False, tries=(0.5,)),
     ),
-    apply, channels=('voltage', 'charge', 'displacement'))
+    apply, channels=('voltage', 'charge', 'displacement'),
+    # A knee of another shape bends the line of the driver below its rail.
+    form_like=('amplifier_gain',))
