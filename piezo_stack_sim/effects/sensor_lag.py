@@ -32,4 +32,6 @@ EFFECT = Effect(
         Parameter('second_time_constant', 's', 0.0, 0.0, 0.1, 2e-5,
                   'of the filter behind, 0: none', magnitude=False, tries=(0.0,)),
     ),
-    apply, channels=('displacement',))
+    apply, channels=('displacement',),
+    # A filter that overshoots is faster at first than two poles, as what swings after.
+    form_like=('mechanical_resonance',))
