@@ -282,7 +282,8 @@ def test_with_effects_leaves_the_original_alone():
 
 
 def test_a_parameter_that_an_effect_lacks_is_looked_for_among_its_own():
-    for wrong, mend in (('amplitud', 'effects.creep has gain_per_decade, reference_time'),
+    its_own = 'effects.creep has gain_per_decade, onset, power, reference_time'
+    for wrong, mend in (('amplitud', its_own),
                         ('reference', 'did you mean effects.creep.reference_time?')):
         with pytest.raises(InputError, match=mend):
             device_from_mapping({'effects': {'creep': {wrong: 0.1}}})

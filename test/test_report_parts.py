@@ -63,8 +63,10 @@ def test_an_interval_holds_nothing_that_no_device_can_have(fitter, nominal, both
     blind = replace(both, slope=1e-3 * both.slope)
     rows = part_of(fitter, nominal, blind)['parameters']
     for row in rows.values():
-        assert row['ci'][0] == row['lower'] == 0.0
+        assert row['lower'] == 0.0 <= row['ci'][0] <= row['value']
         assert row['value'] < row['ci'][1] <= row['upper']
+    assert rows['series_compliance.compliance']['ci'][0] == 0.0
+    assert rows['sensor_lag.time_constant']['ci'][0] == 0.0
     # Where the rows tell more it ends where they say.
     rows = part_of(fitter, nominal, both)['parameters']
     assert rows['series_compliance.compliance']['ci'] == [
@@ -92,8 +94,9 @@ def test_numbers_that_were_not_kept_tell_nothing_of_those_of_now(fitter, nominal
 
 
 def test_what_is_kept_at_its_bound_is_stuck_there_all_the_same(fitter, nominal, both):
-    lag, = (free for free in both.free if free.effect == 'sensor_lag')
-    at_bound = {**both.effects, 'sensor_lag': {lag.parameter.name: lag.parameter.upper}}
+    lag = next(free for free in both.free if free.effect == 'sensor_lag')
+    at_bound = {**both.effects, 'sensor_lag': {
+        **both.effects['sensor_lag'], lag.parameter.name: lag.parameter.upper}}
     first = replace(both, effects=at_bound, view=None)
     later = fitter.fit(at_bound, both.phi, 1, kept=['sensor_lag'])
     assert stuck_of(later) == [] and stuck_of(first) == [lag]
