@@ -36,5 +36,5 @@ EFFECT = Effect(
                   'time constant of the driver without load'),
     ),
     apply, channels=('voltage', 'charge', 'displacement'),
-    # The resistance of an output stage changes with its current.
-    form_like=('amplifier_current_limit',))
+    # The resistance of an output stage changes with its current, and so bends its line.
+    form_like=('amplifier_current_limit', 'amplifier_gain'))
