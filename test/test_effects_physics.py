@@ -741,7 +741,7 @@ def test_a_passive_effect_never_creates_energy(name, strength):
     values = {p.name: getattr(p, strength) if p.magnitude else p.typical
               for p in EFFECTS[name].parameters}
     if (name, strength) == ('asymmetric_hysteresis', 'lower'):
-        values['cubic'] = -0.03  # both at their ends: the voltage falls as charge grows, forever
+        values['cubic'] = -0.03  # both at their ends are refused
     target = IDEAL.with_effects({name: values}).replace(load={'mass': 0.01, 'stiffness': 1e6})
     random = np.random.default_rng(5)
     rows = 1500

@@ -8,6 +8,7 @@ import os
 import pickle
 
 from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.plant import Plant
 from piezo_stack_sim.plant.parameters import (
     Actuator, Device, device_from_mapping, load_device, Noise, parameter_specs, save_device)
 from piezo_stack_sim.plant.parameters.validation import check_value
@@ -279,6 +280,18 @@ def test_with_effects_leaves_the_original_alone():
     other = device.with_effects({'creep': {'gain_per_decade': 0.01}})
     assert device.effects == {}
     assert other.effects == {'creep': {'gain_per_decade': 0.01}}
+
+
+def test_a_bow_that_lets_the_voltage_fall_as_the_charge_grows_is_refused():
+    soft = {'quadratic': -0.06, 'cubic': -0.06}
+    Plant(Device.nominal().with_effects({'asymmetric_hysteresis': soft}))
+    # Nor may a fit go where no file may.
+    with pytest.raises(InputError, match='larger quadratic or cubic'):
+        Plant(Device.nominal().with_effects({'asymmetric_hysteresis': {**soft, 'cubic': -0.1}}))
+    given = Device.nominal().to_mapping()
+    given['effects'] = {'asymmetric_hysteresis': {**soft, 'cubic': -0.1}}
+    with pytest.raises(InputError, match='cubic = -0.1: expected at least -0.06 beside a quad'):
+        device_from_mapping(given)
 
 
 def test_a_parameter_that_an_effect_lacks_is_looked_for_among_its_own():

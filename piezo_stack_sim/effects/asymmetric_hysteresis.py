@@ -26,10 +26,24 @@ Source: Oezer and Royston 2001, last element K q + a2 q^2 + a3 q^3; bows of 2 to
 import math
 
 from piezo_stack_sim.effects.base import Effect, Parameter
+from piezo_stack_sim.errors import InputError
+
+
+#: Slope of the bow at the end of the first rise (V_full/q_full) from which more charge may take
+#: less voltage: the last element and the load of the nominal stack hold 0.8 against it.
+SOFTEST = -0.3
+
+
+def is_too_soft(quadratic, cubic):
+    """Tell whether the voltage may fall as the charge grows, as that of no ceramic does."""
+    return 2.0 * quadratic + 3.0 * cubic < SOFTEST - 1e-9
 
 
 def apply(model, quadratic, cubic, branch):
     """Bow the voltage over the charge, and let the branches differ."""
+    if is_too_soft(quadratic, cubic):
+        raise InputError('effects.asymmetric_hysteresis: the voltage falls as the charge grows; '
+                         'expected a larger quadratic or cubic')
     if branch != 0.0:
         model.branch_difference += branch
         model.add_state('branch_offset', {}, 1.0)

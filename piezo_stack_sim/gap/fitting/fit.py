@@ -300,8 +300,9 @@ class Fitter:
         best = np.linalg.solve(alike, along)
         factors = within(-scale * best)
         if not np.allclose(factors, -scale * best):
-            factors = -scale * _bounded(alike, along, *(
-                -within(end) / scale for end in np.outer((np.inf, -np.inf), np.ones(best.size))))
+            ends = np.full(best.size, np.inf)
+            factors = -scale * _bounded(alike, along, -within(ends) / scale,
+                                        -within(-ends) / scale)
         missed = best + factors / scale
         return float(along @ best - missed @ alike @ missed), factors
 
@@ -470,7 +471,7 @@ def _bounded(square: np.ndarray, along: np.ndarray, lower: np.ndarray, upper: np
     """
     from scipy.optimize import lsq_linear
     root = np.linalg.cholesky(square)
-    # A bound may be where the solver wants some room.
+    # The solver refuses a lower bound that is the upper one.
     room = np.where(upper > lower, 0.0, 1e-12)
     return lsq_linear(root.T, np.linalg.solve(root, along), (lower - room, upper + room),
                       method='bvls').x

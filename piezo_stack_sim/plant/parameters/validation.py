@@ -9,6 +9,7 @@ import math
 import numbers
 import re
 
+from piezo_stack_sim.effects.asymmetric_hysteresis import is_too_soft, SOFTEST
 from piezo_stack_sim.errors import InputError
 from piezo_stack_sim.plant.parameters.device import Actuator, Device, Load, Noise
 from piezo_stack_sim.plant.parameters.plausibility import implausible
@@ -77,6 +78,7 @@ def device_from_mapping(mapping, source='parameters', lines=None):
     _check_elements(device.actuator, report)
     _check_strains(device, report)
     _check_rails(device, report)
+    _check_bow(device, report)
     trouble = implausible(device.actuator)
     if trouble:
         report.fail(*trouble)
@@ -240,6 +242,17 @@ def _check_rails(device, report):
     if not lower < upper:
         report.fail('effects.amplifier_saturation.lower', lower,
                     f'expected less than upper, {upper:g} V', 'give the lower rail first')
+
+
+def _check_bow(device, report):
+    """Check that more charge takes more voltage, up to the end of the first rise at least."""
+    bow = device.effects.get('asymmetric_hysteresis', {})
+    quadratic, cubic = bow.get('quadratic', 0.0), bow.get('cubic', 0.0)
+    if is_too_soft(quadratic, cubic):
+        least = (SOFTEST - 2.0 * quadratic) / 3.0
+        report.fail('effects.asymmetric_hysteresis.cubic', cubic,
+                    f'expected at least {least:.3g} beside a quadratic of {quadratic:g}',
+                    'else the voltage falls as the charge grows')
 
 
 def _build(values, effects):
