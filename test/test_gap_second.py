@@ -578,3 +578,21 @@ def test_two_that_predict_worse_than_nothing_are_no_causes(gain, word):
     cut = Cut(True, 'amplifier_gain+parallel_stiffness', 0.95)
     for known in (None, cut):
         assert decide(singles, [pair], 0.9999, 3e5, [], DEFAULTS, (), known).word == word
+
+
+@pytest.mark.parametrize('name, numbers, word', [
+    ('command_delay+sensor_lag', {}, 'MULTIPLE'),
+    ('command_delay+sensor_lag', {'clear': 100.0}, 'CAUSE'),
+    ('command_delay+sensor_lag', {'clear_part': 0.5}, 'CAUSE'),
+    ('command_delay+sensor_lag', {'form': 200.0}, 'CAUSE'),
+    ('sensor_lag+sensor_delay', {'clear': 0.0, 'clear_part': 0.0}, 'CAUSE')])
+def test_what_comes_late_before_a_slow_sensor_counts_where_that_does_not_reach(
+        name, numbers, word):
+    """A command that comes late moves voltage and charge, too; a filter's second pole does not."""
+    singles = [Ranked('sensor_lag', 4900.0, 0.983, 1, 0.06, 33.0),
+               Ranked('sensor_delay', 3000.0, 0.91, 1, 0.15, 400.0)]
+    pair = replace(Ranked(name, 5690.0, 0.9978, 3, 0.005, 9.2, second=1900.0, part=0.51,
+                          over=2200.0, form=3500.0, wrong=0.08, clear=1330.0, clear_part=0.88),
+                   **numbers)
+    kin = {frozenset(name.split('+'))}
+    assert decide(singles, [pair], 0.988, 4700.0, [], DEFAULTS, kin).word == word

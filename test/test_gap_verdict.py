@@ -214,3 +214,13 @@ def test_a_cause_of_which_anything_flexible_removes_far_more_is_not_believed(
     verdict = decide(singles, [], ceiling, structure, [])
     assert verdict.word == word
     assert word == 'CAUSE' or f'sensor gain, removes {100 * removed:.0f} %' in verdict.reason
+
+
+@pytest.mark.parametrize('removed, structure, sure', [
+    (0.2, 20.0, True),
+    (0.45, 20.0, False),  # a known effect may be so by another form
+    (0.2, 0.5, False)])  # too little is left to tell
+def test_what_the_library_lacks_is_doubtful_where_it_has_half_an_answer(removed, structure, sure):
+    verdict = decide([Ranked('a', 500.0, removed, 1, 0.5)], [], 0.95, structure, [])
+    assert verdict.word == 'UNKNOWN'
+    assert (verdict.confidence > 0.9) is sure and (verdict.confidence < 0.5) is not sure

@@ -81,9 +81,16 @@ class Thresholds:
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
     one: tuple[float, float, float] = (3.2, -4.0, -0.5)
-    two: tuple[float, float, float] = (2.5, 0.0, 0.0)  # the same for two
-    nothing: float = 0.97  # how often NO_GAP is right
-    unknown: float = 0.9  # and UNKNOWN
+    two: tuple[float, float, float] = (1.6, 0.0, 0.0)  # the same for two
+    left_open: float = 0.93  # by which it is less sure that the cause is among those of a tie
+    nothing: float = 0.95  # how often NO_GAP is right
+    unknown: float = 0.95  # and UNKNOWN
+    # And where the best removes so much that it may be a known effect by another form, or hardly
+    # anything is left.
+    third: float = 0.33
+    hardly: float = 0.8  # mean square beyond that of the noise
+    doubtful: float = 0.35
+    rather: float = 0.4  # and how often the whole cause is a single one then
 
 
 DEFAULTS = Thresholds()

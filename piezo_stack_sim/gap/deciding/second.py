@@ -112,10 +112,12 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.excused < pair.form < math.inf
             and pair.wrong < t.misformed and are_relatives(best, pair, kin)
-            and not are_alike_in_form(one, other)
-            # A filter of two poles is a lag with a delay, whichever way one looks at it.
-            and not (EFFECTS[one].is_late and EFFECTS[other].is_late)):
+            and not are_alike_in_form(one, other)):
         return False
+    if EFFECTS[one].is_late and EFFECTS[other].is_late:
+        # A filter of two poles is a lag with a delay, whichever way one looks at it: only what
+        # comes late in a channel that the first does not reach is another.
+        return _is_clear_of_relative(pair, t) and pair.form > t.formed
     finishes = 1.0 - pair.removed <= t.finishes * (1.0 - best.removed)
     if (pair.excess < t.tenth * best.excess and (pair.excess < t.heard or finishes)
             and pair.part > t.nearly_all and min(pair.second, 0.5 * pair.over) > t.second):
@@ -133,8 +135,12 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
         pair.excess < t.hushes * best.excess and pair.part > t.relative_part)
     silences = (best.excess > t.heard and quiet
                 and 1.0 - pair.removed < t.completes * (1.0 - best.removed))
-    return silences or (pair.clear > t.relative_clear
-                        and pair.clear_part > t.relative_clear_part)
+    return silences or _is_clear_of_relative(pair, t)
+
+
+def _is_clear_of_relative(pair: Ranked, t: Thresholds) -> bool:
+    """Tell whether a second explains most of what is left where a relative hardly acts."""
+    return pair.clear > t.relative_clear and pair.clear_part > t.relative_clear_part
 
 
 def is_mere_form(best: Ranked, pair: Ranked, pairs: Collection[Ranked]) -> bool:

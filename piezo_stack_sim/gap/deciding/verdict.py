@@ -276,7 +276,7 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         left = ('no recording stands out of the noise' if structure < t.excess else
                 f'structure of {significant(1.0 + structure)} times the noise power is left')
         return Verdict('UNKNOWN', (), (), f'{left}; {known}, a flexible correction '
-                       f'{_percent(ceiling)}', t.unknown, 1.0 - t.unknown)
+                       f'{_percent(ceiling)}', *_how_unknown(best, structure, t))
     tie = tie_of(singles, chance, classes, t)
     named = next(r for r in singles if r.name == tie[0])
     sure = named.odds(t.one, hidden)
@@ -286,11 +286,18 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                        'equally well with these channels', among, sure)
     if len(tie) > 1:
         return Verdict('AMBIGUOUS', (named.name,), tie, 'these recordings do not decide between '
-                       f'{len(tie)} effects', among, sure)
+                       f'{len(tie)} effects', t.left_open * among, sure)
     does = (f'removes {_percent(named.removed)} {OF_ALL}' if explained >= t.explained
             else 'explains what hardly stands out of the noise')
     return Verdict('CAUSE', (named.name,), (named.name,), f'{words(named.name)} {does} and '
                    'nothing else in the library comes close', among, sure)
+
+
+def _how_unknown(best: Ranked, structure: float, t: Thresholds) -> tuple[float, float]:
+    """Return how sure it is that the library lacks it, and that one effect of it is the cause."""
+    if best.removed > t.third or structure < t.hardly:
+        return t.doubtful, t.rather
+    return t.unknown, 1.0 - t.unknown
 
 
 def _by_rank(pair: Ranked, singles: list[Ranked], t: Thresholds) -> tuple[str, ...]:
