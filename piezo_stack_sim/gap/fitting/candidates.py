@@ -25,8 +25,8 @@ from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, STEPS, TONE
 from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of
 from piezo_stack_sim.gap.fitting.swings import FALLEN, find_history
 from piezo_stack_sim.gap.measured.evidence import quieter, reweigh
-from piezo_stack_sim.gap.measured.forward import followed, simulate_channels, simulate_set
-from piezo_stack_sim.plant.analysis import natural_frequency, open_stiffness
+from piezo_stack_sim.gap.measured.forward import (
+    followed, settling_time, simulate_channels, simulate_set)
 
 LONG, COARSE = 30, 3  # places of a ladder from which every third is looked at first
 PLACES = 2  # places of an effect from which a fit sets out
@@ -402,8 +402,9 @@ def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit,
     filed = np.zeros_like(nominal.phi)
     phi, before = (nominal.phi, nominal.residual) if place.strengths else (filed, fitter.base)
     follows = EFFECTS[name].answer if place.strengths else None
+    settles = settling_time(fitter.device)
     moved = [fitter.residual_of({name: values}, phi) if follows is None
-             else before + followed(fitter.evidence, shown, follows(**values), _settles(fitter))
+             else before + followed(fitter.evidence, shown, follows(**values), settles)
              for values in place.looks]
     directions = np.column_stack([m - before for m in moved])
     if not np.isfinite(directions).all() or np.abs(directions).max() > 1e9:
@@ -421,11 +422,6 @@ def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit,
     # Where it fits as it stands, a line from no effect at all tells nothing better.
     there = place.at(EFFECTS[name], factors) if gain > falls[best] else place.looks[best]
     return Probe(name, there, directions, promise, promise, place)
-
-
-def _settles(fitter: Fitter) -> float:
-    """Return the time (s) in which the stack follows a command: half a period of its own."""
-    return 0.5 / natural_frequency(fitter.device, open_stiffness(fitter.device))
 
 
 def _led(fitter: Fitter, probe: Probe, nominal: Fit) -> Probe:

@@ -10,12 +10,16 @@ fit anything.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.fitting.descent import sum_of_squares
 from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, free_parameters
+from piezo_stack_sim.gap.fitting.starts import LADDER
+from piezo_stack_sim.gap.measured.forward import followed, settling_time, simulate_set
 from piezo_stack_sim.plant import Plant
 
 STEPS, DESCENTS = 2, 8  # Gauss-Newton steps between two derivatives, and how often those are taken
@@ -23,6 +27,8 @@ ARRIVED = 0.98  # part of the cost above which a descent has arrived
 WORTH = 0.1  # part of the cost by which it must fall for them
 BEYOND = 2  # elements beyond the last that slipped that may have, too
 MOVED, LEAST = 0.02, 0.1  # by which each is moved, to see if that changes what is left, squared
+FURTHER, APART = 2, 1.15  # modes beside the first to set out from, and the ratio of their frequencies
+SLIGHT = 0.1  # part of a reading by which a further mode is looked for
 OTHERS = (1.2, -0.24, 0.6), (1.45, -0.29, 0.73)  # swings to set out from, too, of the first found
 
 
@@ -77,7 +83,8 @@ def _told(fitter: Fitter, fit: Fit, effects: dict[str, dict[str, float]]
     def is_told(free):
         name, parameter = free.effect, free.parameter
         value = effects[name][parameter.name]
-        step = MOVED if value + MOVED <= parameter.upper else -MOVED
+        step = MOVED * (value if parameter.scale == 'log' else 1.0)
+        step = step if value + step <= parameter.upper else -step
         there = {**effects, name: {**effects[name], parameter.name: value + step}}
         return sum_of_squares(fitter.lens(
             fitter.residual_of(there, fit.phi, fit) - before)) > LEAST
@@ -95,6 +102,10 @@ def _places(fitter: Fitter, fit: Fit) -> list[dict[str, dict[str, float]]]:
     for name, values in fit.effects.items():
         if not has_late(name) or any(f.parameter.late for f in free_parameters(name, values)):
             continue
+        if EFFECTS[name].answer is not None:
+            places += [{**fit.effects, name: {**values, **mode}}
+                       for mode in _further_modes(fitter, fit, name)]
+            continue
         swings = [p.name for p in EFFECTS[name].parameters if not p.late]
         found = values[swings[0]]
         others = [{**values, **dict(zip(swings, (found * np.array(parts)).tolist()))}
@@ -103,6 +114,36 @@ def _places(fitter: Fitter, fit: Fit) -> list[dict[str, dict[str, float]]]:
         places = [{**fit.effects, name: {**values, **dict.fromkeys(swings, 0.0), **_as_left(
             fitter, fit, {**fit.effects, name: swung}, name)}} for swung in (values, *others)]
     return places
+
+
+def _further_modes(fitter: Fitter, fit: Fit, name: str) -> list[dict[str, float]]:
+    """
+    Return where another mode would explain most of what is left, beside those that are on.
+
+    It follows the same motion, so that no new simulation is needed to look at it.
+    """
+    others = {other: values for other, values in fit.effects.items() if other != name}
+    moves = simulate_set(fitter.device_with(others, fit.phi),
+                         [track.recording for track in fitter.evidence.tracks])
+    settles = settling_time(fitter.device)
+    ratio = fit.effects[name]['damping_ratio']
+    frequencies = [f for f in LADDER if abs(math.log(f / fit.effects[name]['frequency']))
+                   > math.log(APART)]
+
+    def look(frequency):
+        added = followed(fitter.evidence, moves, EFFECTS[name].answer(SLIGHT, frequency, ratio),
+                         settles)
+        gain, (factor,) = fitter.linear_gain(
+            added[:, None], fit, lambda factors: np.clip(factors, -1.0 / SLIGHT, 1.0 / SLIGHT))
+        return gain, frequency, factor
+
+    found = []
+    for gain, frequency, factor in sorted(parallel(look, frequencies), reverse=True):
+        if gain > 0.0 and all(abs(math.log(frequency / mode['second_frequency']))
+                              > math.log(APART) for mode in found):
+            found.append({'second_participation': SLIGHT * float(factor),
+                          'second_frequency': frequency, 'second_damping_ratio': ratio})
+    return found[:FURTHER]
 
 
 def _as_left(fitter: Fitter, fit: Fit, effects: dict[str, dict[str, float]], name: str

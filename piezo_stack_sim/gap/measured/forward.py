@@ -13,6 +13,7 @@ import numpy as np
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.measured.evidence import Evidence
 from piezo_stack_sim.plant import Device, replay, Timeline
+from piezo_stack_sim.plant.analysis import natural_frequency, open_stiffness
 from piezo_stack_sim.recording.recording import Recording
 from scipy.signal import cont2discrete, lfilter
 
@@ -90,6 +91,11 @@ def residuals_of(evidence: Evidence, simulated: Sequence[dict[str, np.ndarray]])
     return np.concatenate([track.weighted(channel, answer[channel])
                            for track, answer in zip(evidence.tracks, simulated)
                            for channel in track.channels])
+
+
+def settling_time(device: Device) -> float:
+    """Return the time (s) in which the stack follows a command: half a period of its own."""
+    return 0.5 / natural_frequency(device, open_stiffness(device))
 
 
 def followed(evidence: Evidence, simulated: Sequence[dict[str, np.ndarray]],
