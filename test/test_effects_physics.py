@@ -602,6 +602,23 @@ def test_quality_of_a_resonance_is_that_of_its_damping_ratio(damping_ratio):
     assert gain[1] / gain[0] == pytest.approx(0.5 / damping_ratio, rel=0.02)
 
 
+@pytest.mark.parametrize('frequency', [1500.0, 2000.0, 3300.0])
+def test_two_modes_of_a_structure_add_up_and_neither_moves_the_other(frequency):
+    first = {'participation': 0.3, 'frequency': 2000.0, 'damping_ratio': 0.02}
+    second = {'second_participation': -0.1, 'second_frequency': 3300.0,
+              'second_damping_ratio': 0.05}
+    time, voltage = sine(frequency, 0.0, 2.0, 150, 100)
+    plain, rings = (fundamental(time, simulate(dev, time, voltage).displacement, frequency, 4)
+                    for dev in (IDEAL, device('mechanical_resonance', **first, **second)))
+
+    def swing(part, natural, ratio):
+        at = frequency / natural
+        return part * (1.0 / (1.0 - at ** 2 + 2.0j * ratio * at) - 1.0)
+
+    assert rings / plain == pytest.approx(
+        1.0 + swing(*first.values()) + swing(*second.values()), rel=0.02)
+
+
 def test_a_stop_is_met_at_its_gap():
     time, voltage = triangle(1.0, 90.0, 2, 2000)
     plain = simulate(IDEAL, time, voltage).displacement

@@ -13,13 +13,14 @@ from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.fitting.candidates import (
-    _from_relatives, _settles, is_idle, Probe, Search, search_singles, tune, tune_as_best)
+    _from_relatives, is_idle, Probe, Search, search_singles, tune, tune_as_best)
 from piezo_stack_sim.gap.fitting.descent import _bounded_step, descend, Landscape
 from piezo_stack_sim.gap.fitting.fit import _inverse, Fit, Fitter
 from piezo_stack_sim.gap.fitting.nominal import Nuisance
 from piezo_stack_sim.gap.fitting.pairs import _promise
 from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of
-from piezo_stack_sim.gap.measured.forward import followed, residuals, simulate_set, spans
+from piezo_stack_sim.gap.measured.forward import (
+    followed, residuals, settling_time, simulate_set, spans)
 from piezo_stack_sim.plant import Device, simulate
 from piezo_stack_sim.recording import programmes
 import pytest
@@ -248,15 +249,18 @@ def test_a_second_effect_that_would_have_to_be_negative_promises_nothing(device)
     assert gain == pytest.approx(0.0, abs=1e-3) and there['delay'] == 0.0
 
 
+@pytest.mark.parametrize('second', [{}, {
+    'second_participation': 0.05, 'second_frequency': 1500.0, 'second_damping_ratio': 0.1}])
 @pytest.mark.parametrize('frequency', [230.0, 900.0, 3300.0])
-def test_a_resonance_that_only_follows_is_looked_at_without_simulating_it(device, frequency):
+def test_a_resonance_that_only_follows_is_looked_at_without_simulating_it(
+        device, frequency, second):
     # In rows that are further apart than the stack needs to follow, and in such that are not.
     fitter = fitter_of(device, device, (programmes.multisine(), programmes.decay(),
                                         programmes.steps()), np.random.default_rng(4))
-    mode = {'participation': 0.1, 'frequency': frequency, 'damping_ratio': 0.03}
+    mode = {'participation': 0.1, 'frequency': frequency, 'damping_ratio': 0.03, **second}
     shown = simulate_set(device, [track.recording for track in fitter.evidence.tracks])
     told = followed(fitter.evidence, shown, EFFECTS['mechanical_resonance'].answer(**mode),
-                    _settles(fitter))
+                    settling_time(device))
     true = residuals(device.with_effects({'mechanical_resonance': mode}), fitter.evidence)
     true = true - fitter.base
     # The direction tells, and not its length.

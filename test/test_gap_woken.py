@@ -49,6 +49,33 @@ def test_what_three_swings_explain_stays_as_it_was(device):
     assert woken(fitter, swung) is swung
 
 
+RINGS = {'participation': 0.2, 'frequency': 1830.0, 'damping_ratio': 0.02}
+
+
+@pytest.mark.parametrize('second', [
+    {'second_participation': 0.05, 'second_frequency': 2900.0, 'second_damping_ratio': 0.03},
+    {'second_participation': -0.03, 'second_frequency': 640.0, 'second_damping_ratio': 0.015}])
+def test_the_second_mode_of_a_structure_is_found_beside_the_first(device, second):
+    unit = device.with_effects({'mechanical_resonance': {**RINGS, **second}})
+    fitter = fitter_of(device, unit, (programmes.multisine(), programmes.triangle()),
+                       np.random.default_rng(5))
+    one = search_singles(fitter, lambda message: None, ('mechanical_resonance', 'added_mass'))
+    one = one.fits['mechanical_resonance']
+    assert not any(free.parameter.late for free in one.free)
+    assert one.cost > 2.0 * fitter.rows.size
+    both = woken(fitter, one)
+    assert both.cost < 1.1 * fitter.rows.size
+    for name, value in second.items():
+        assert both.effects['mechanical_resonance'][name] == pytest.approx(value, rel=0.05)
+
+
+def test_a_structure_with_one_mode_keeps_it(device):
+    unit = device.with_effects({'mechanical_resonance': RINGS})
+    fitter = fitter_of(device, unit, (programmes.multisine(),), np.random.default_rng(5))
+    one = fitter.fit({'mechanical_resonance': RINGS})
+    assert woken(fitter, one) is one
+
+
 @pytest.mark.parametrize('name', [name for name in EFFECTS if has_late(name)])
 def test_late_numbers_are_walked_only_once_they_are_off_neutral(name):
     typical = EFFECTS[name].typical()

@@ -194,6 +194,8 @@ FOLLOWING = [
     {'sensor_lag': {'time_constant': 2e-4}},
     {'sensor_lag': {'time_constant': 3e-8}},
     {'mechanical_resonance': {'participation': 0.4, 'frequency': 2500.0, 'damping_ratio': 0.02}},
+    {'mechanical_resonance': {'participation': 0.4, 'frequency': 2500.0, 'damping_ratio': 0.02,
+                              'second_participation': -0.1, 'second_frequency': 700.0}},
     {'leakage': {'resistance': 1e5}},
     # Behind each other, between rows, after a bow: all at once.
     {'leakage': {'resistance': 1e5}, 'transducer_nonlinearity': {'quadratic': 0.02},
