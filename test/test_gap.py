@@ -8,9 +8,11 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap import diagnose_set
 from piezo_stack_sim.gap.cores import parallel
+from piezo_stack_sim.gap.deciding.doubt import _is_felt
 from piezo_stack_sim.gap.deciding.ranked import DEFAULTS
 from piezo_stack_sim.gap.deciding.score import Judge
 from piezo_stack_sim.gap.fitting.blackbox import lagged
+from piezo_stack_sim.gap.fitting.candidates import search_singles
 from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, free_parameters
 from piezo_stack_sim.gap.fitting.nominal import Nuisance
 from piezo_stack_sim.gap.lacking.back_coupling import suspect_block
@@ -604,6 +606,20 @@ def test_play_is_not_friction_where_the_charge_shows_that_the_stack_does_not_fee
     assert answer['verdict'] == 'UNKNOWN' and answer['where']['block'] == 'mechanical'
     rubs = device.with_effects({'friction': {'coulomb_force': 5.0}})
     assert diagnose_set(a_set(rubs), device, traces=False).document['selected'] == ['friction']
+
+
+@pytest.mark.parametrize('felt', [True, False])
+def test_a_force_explains_charge_that_play_does_not(device, felt):
+    unit = device.with_effects({'friction': {'coulomb_force': 0.5}}) if felt else device
+    recordings = a_set(unit).recordings
+    if not felt:
+        recordings = [each.replace(measured={**each.measured, 'displacement': has_play(
+            each.measured['displacement'])}) for each in recordings]
+    fitter = Fitter(device, prepare(recordings, simulate_set(device, recordings), device))
+    fitter.prepare(parallel)
+    search = search_singles(fitter, lambda message: None, ('friction',))
+    assert search.fits['friction'].cost < search.nominal.cost
+    assert _is_felt(fitter, search, 'friction') is felt
 
 
 def warms(time, x):

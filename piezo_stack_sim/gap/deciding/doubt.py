@@ -99,7 +99,8 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     # What a clock explains that the cause does not, or what is left beside the cause.
     if skewed(course) < REST * (1.0 - named.removed):
         suspect = CLOCK
-    elif EFFECTS[named.name].block == 'mechanical' and suspect_block(cuts) is NOT_FELT:
+    elif (EFFECTS[named.name].block == 'mechanical' and suspect_block(cuts) is NOT_FELT
+            and not _is_felt(fitter, search, named.name)):
         suspect = None if suspect_play(course) is None else _PLAY
     else:
         suspect = speaks_for_clock(_course(fitter, search.correction(named.name))[1])
@@ -107,6 +108,19 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
         return decision
     return _unknown(decision, suspect, thresholds, _known(named) + (
         ', but ' if suspect is _PLAY else ', and of the rest '))
+
+
+def _is_felt(fitter: Fitter, search: Search, name: str) -> bool:
+    """
+    Tell whether a cause explains some of the charge, by itself and not by what is re-tuned.
+
+    What the stack does not feel leaves the charge alone, so that a force there makes it worse.
+    """
+    fit = search.fits[name]
+    told, *others = (
+        channel_power(fitter.evidence, residual).get('charge', 0.0) for residual in (
+            fit.residual, search.nominal.residual, fitter.residual_of({}, fit.phi, fit)))
+    return told < min(others)
 
 
 def _known(best: Ranked) -> str:

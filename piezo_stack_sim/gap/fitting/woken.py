@@ -10,6 +10,7 @@ fit anything.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 
 import numpy as np
@@ -27,7 +28,8 @@ ARRIVED = 0.98  # part of the cost above which a descent has arrived
 WORTH = 0.1  # part of the cost by which it must fall for them
 BEYOND = 2  # elements beyond the last that slipped that may have, too
 MOVED, LEAST = 0.02, 0.1  # by which each is moved, to see if that changes what is left, squared
-FURTHER, APART = 2, 1.15  # modes beside the first to set out from, and the ratio of their frequencies
+FURTHER = 2  # places beside the first mode to set out from
+APART = 1.15  # ratio of the frequencies of any two of them
 SLIGHT = 0.1  # part of a reading by which a further mode is looked for
 OTHERS = (1.2, -0.24, 0.6), (1.45, -0.29, 0.73)  # swings to set out from, too, of the first found
 
@@ -102,9 +104,10 @@ def _places(fitter: Fitter, fit: Fit) -> list[dict[str, dict[str, float]]]:
     for name, values in fit.effects.items():
         if not has_late(name) or any(f.parameter.late for f in free_parameters(name, values)):
             continue
-        if EFFECTS[name].answer is not None:
+        follows = EFFECTS[name].answer
+        if follows is not None:
             places += [{**fit.effects, name: {**values, **mode}}
-                       for mode in _further_modes(fitter, fit, name)]
+                       for mode in _further_modes(fitter, fit, name, follows)]
             continue
         swings = [p.name for p in EFFECTS[name].parameters if not p.late]
         found = values[swings[0]]
@@ -116,7 +119,8 @@ def _places(fitter: Fitter, fit: Fit) -> list[dict[str, dict[str, float]]]:
     return places
 
 
-def _further_modes(fitter: Fitter, fit: Fit, name: str) -> list[dict[str, float]]:
+def _further_modes(fitter: Fitter, fit: Fit, name: str, follows: Callable
+                   ) -> list[dict[str, float]]:
     """
     Return where another mode would explain most of what is left, beside those that are on.
 
@@ -131,8 +135,7 @@ def _further_modes(fitter: Fitter, fit: Fit, name: str) -> list[dict[str, float]
                    > math.log(APART)]
 
     def look(frequency):
-        added = followed(fitter.evidence, moves, EFFECTS[name].answer(SLIGHT, frequency, ratio),
-                         settles)
+        added = followed(fitter.evidence, moves, follows(SLIGHT, frequency, ratio), settles)
         gain, (factor,) = fitter.linear_gain(
             added[:, None], fit, lambda factors: np.clip(factors, -1.0 / SLIGHT, 1.0 / SLIGHT))
         return gain, frequency, factor
