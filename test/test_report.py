@@ -512,6 +512,9 @@ def test_quantities_read_well(value, unit, text):
 
 def test_a_value_and_its_interval_share_one_unit():
     assert with_interval(1.3e-6, [0.9e-6, None], 'm') == '1.30 [0.900, ∞] µm'
+    # A narrow one is no point.
+    assert with_interval(637.373, [637.281, 637.465], 'Hz') == '637.37 [637.28, 637.47] Hz'
+    assert with_interval(1.0, [1.0, 1.0], 'V') == '1.00 [1.00, 1.00] V'
 
 
 @pytest.mark.parametrize(('fraction', 'ci', 'text'), [

@@ -72,9 +72,16 @@ def interval(ci, unit='', digits=3, factor=None):
 
 
 def with_interval(value, ci, unit='', digits=3):
-    """Return ``1.30 [1.20, 1.40] mm``, value and interval in one scale."""
+    """
+    Return ``1.30 [1.20, 1.40] mm``, value and interval in one scale.
+
+    With up to seven digits where fewer would show a narrow interval as a point.
+
+    """
     if value is None:
         return UNKNOWN
+    if ci is not None and None not in ci and value != 0.0 and ci[1] > ci[0]:
+        digits = min(max(digits, 1 + math.ceil(math.log10(abs(value) / (ci[1] - ci[0])))), 7)
     factor, name = scale(abs(value), unit)
     parts = [significant(value / factor, digits), interval(ci, unit, digits, factor), name]
     return ' '.join(part for part in parts if part)
