@@ -17,7 +17,6 @@ Source: modal superposition; stages 0.2 to 5 kHz with Q of 10 to 50, estimate.
 
 import math
 
-import numpy as np
 from piezo_stack_sim.effects.base import Effect, Parameter
 
 
@@ -42,18 +41,8 @@ def apply(model, participation, frequency, damping_ratio, second_participation, 
         model.fast_rates.append(omega)
 
 
-def answer(participation, frequency, damping_ratio, second_participation=0.0,
-           second_frequency=1.0, second_damping_ratio=1.0):
-    """Return the transfer function from the displacement to what is added to the reading."""
-    first = _answer(participation, frequency, damping_ratio)
-    if second_participation == 0.0:
-        return first
-    second = _answer(second_participation, second_frequency, second_damping_ratio)
-    return (tuple(np.convolve(first[0], second[1]) + np.convolve(second[0], first[1])),
-            tuple(np.convolve(first[1], second[1])))
-
-
-def _answer(participation, frequency, damping_ratio):
+def answer(participation, frequency, damping_ratio):
+    """Return the transfer function of one mode, from the displacement to what is added to it."""
     omega = 2.0 * math.pi * frequency
     loss = 2.0 * damping_ratio * omega
     return (-participation, -participation * loss, 0.0), (1.0, loss, omega ** 2)
