@@ -85,12 +85,11 @@ class Thresholds:
     left_open: float = 0.93  # by which it is less sure that the cause is among those of a tie
     nothing: float = 0.95  # how often NO_GAP is right
     unknown: float = 0.95  # and UNKNOWN
-    # And where the best removes so much that it may be a known effect by another form, or hardly
-    # anything is left.
-    third: float = 0.33
-    hardly: float = 0.8  # mean square beyond that of the noise
-    doubtful: float = 0.35
-    rather: float = 0.4  # and how often the whole cause is a single one then
+    # The best may be a known effect by another form, or there is too little left to tell.
+    half_known: float = 0.33  # part that the best removes from which that is so
+    faint: float = 0.8  # and the mean square beyond that of the noise up to which it is
+    doubtful: float = 0.35  # how often UNKNOWN is right then
+    doubtful_single: float = 0.4  # and how often one effect of the library is the whole cause
 
 
 DEFAULTS = Thresholds()

@@ -295,8 +295,8 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
 
 def _how_unknown(best: Ranked, structure: float, t: Thresholds) -> tuple[float, float]:
     """Return how sure it is that the library lacks it, and that one effect of it is the cause."""
-    if best.removed > t.third or structure < t.hardly:
-        return t.doubtful, t.rather
+    if best.removed > t.half_known or structure < t.faint:
+        return t.doubtful, t.doubtful_single
     return t.unknown, 1.0 - t.unknown
 
 
