@@ -28,9 +28,8 @@ ARRIVED = 0.98  # part of the cost above which a descent has arrived
 WORTH = 0.1  # part of the cost by which it must fall for them
 BEYOND = 2  # elements beyond the last that slipped that may have, too
 MOVED, LEAST = 0.02, 0.1  # by which each is moved, to see if that changes what is left, squared
-FURTHER = 2  # places beside the first mode to set out from
-APART = 1.15  # ratio of the frequencies of any two of them
-SLIGHT = 0.1  # part of a reading by which a further mode is looked for
+APART = 1.15  # ratio of the frequencies of two modes
+SLIGHT = 0.1  # part of a reading by which a second mode is looked for
 OTHERS = (1.2, -0.24, 0.6), (1.45, -0.29, 0.73)  # swings to set out from, too, of the first found
 
 
@@ -106,8 +105,8 @@ def _places(fitter: Fitter, fit: Fit) -> list[dict[str, dict[str, float]]]:
             continue
         follows = EFFECTS[name].answer
         if follows is not None:
-            places += [{**fit.effects, name: {**values, **mode}}
-                       for mode in _further_modes(fitter, fit, name, follows)]
+            places = [{**fit.effects, name: {**values, **_second_mode(
+                fitter, fit, name, follows)}}]
             continue
         swings = [p.name for p in EFFECTS[name].parameters if not p.late]
         found = values[swings[0]]
@@ -119,10 +118,9 @@ def _places(fitter: Fitter, fit: Fit) -> list[dict[str, dict[str, float]]]:
     return places
 
 
-def _further_modes(fitter: Fitter, fit: Fit, name: str, follows: Callable
-                   ) -> list[dict[str, float]]:
+def _second_mode(fitter: Fitter, fit: Fit, name: str, follows: Callable) -> dict[str, float]:
     """
-    Return where another mode would explain most of what is left, beside those that are on.
+    Return where a second mode would explain most of what is left.
 
     It follows the same motion, so that no new simulation is needed to look at it.
     """
@@ -130,9 +128,7 @@ def _further_modes(fitter: Fitter, fit: Fit, name: str, follows: Callable
     moves = simulate_set(fitter.device_with(others, fit.phi),
                          [track.recording for track in fitter.evidence.tracks])
     settles = settling_time(fitter.device)
-    ratio = fit.effects[name]['damping_ratio']
-    frequencies = [f for f in LADDER if abs(math.log(f / fit.effects[name]['frequency']))
-                   > math.log(APART)]
+    first, ratio = (fit.effects[name][number] for number in ('frequency', 'damping_ratio'))
 
     def look(frequency):
         added = followed(fitter.evidence, moves, follows(SLIGHT, frequency, ratio), settles)
@@ -140,13 +136,10 @@ def _further_modes(fitter: Fitter, fit: Fit, name: str, follows: Callable
             added[:, None], fit, lambda factors: np.clip(factors, -1.0 / SLIGHT, 1.0 / SLIGHT))
         return gain, frequency, factor
 
-    found = []
-    for gain, frequency, factor in sorted(parallel(look, frequencies), reverse=True):
-        if gain > 0.0 and all(abs(math.log(frequency / mode['second_frequency']))
-                              > math.log(APART) for mode in found):
-            found.append({'second_participation': SLIGHT * float(factor),
-                          'second_frequency': frequency, 'second_damping_ratio': ratio})
-    return found[:FURTHER]
+    _, frequency, factor = max(parallel(look, [
+        each for each in LADDER if abs(math.log(each / first)) > math.log(APART)]))
+    return {'second_participation': SLIGHT * float(factor), 'second_frequency': frequency,
+            'second_damping_ratio': ratio}
 
 
 def _as_left(fitter: Fitter, fit: Fit, effects: dict[str, dict[str, float]], name: str
