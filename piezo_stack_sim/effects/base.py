@@ -64,8 +64,8 @@ class Effect:
     a stop without a gap is a spring.  ``before_its_time`` names its time constant and the effect
     that it cannot be told from before that has passed.  ``form_like`` names effects that
     resemble what its form leaves out.  Of an effect that follows the displacement and never
-    acts on it ``answer(**values)``, of what is not late, returns the transfer function, numerator and
-    denominator in falling powers of s, from the displacement to what it adds to the reading.
+    acts on it ``answer(**values)``, of what is not late, returns the transfer function, numerator
+    and denominator in falling powers of s, from the displacement to what it adds to the reading.
     """
 
     id: str  # noqa: A003
