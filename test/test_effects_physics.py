@@ -69,6 +69,31 @@ def test_a_small_step_passes_the_current_limit_as_its_resistance_lets_it(resista
     assert np.abs(limited.displacement - plain.displacement).max() < 1e-15
 
 
+@pytest.mark.parametrize('internal', [0.0, 4.0])
+@pytest.mark.parametrize('knee', [0.3, 0.6, 0.9])
+def test_a_current_limit_that_sets_in_little_by_little(knee, internal):
+    limit, sink, resistance, rise = 0.1, 0.7, 5.0, 2.0
+    given = {'amplifier_current_limit': {
+        'limit': limit, 'sink_share': sink, 'output_resistance': resistance, 'rise': rise,
+        'knee': knee}}
+    if internal:
+        # A loss inside the stack is in series with the driver's, and behind the terminals.
+        given['rate_dependent_hysteresis'] = {'resistance': internal}
+    time = np.arange(40001) * 1e-7
+    command = 45.0 * (1.0 - np.cos(2.0 * math.pi * 400.0 * time))
+    response = simulate(IDEAL.with_effects(given), time, command)
+    # Of a row, in which the command is held.
+    current = np.diff(response.charge) / 1e-7
+    drop = command[:-1] - 0.5 * (response.voltage[:-1] + response.voltage[1:])
+    above = np.maximum(np.abs(current) - knee * np.where(current > 0.0, limit, sink * limit), 0.0)
+    expected = resistance * (current + np.sign(current) * rise * above)
+    free = (current < 0.99 * limit) & (current > -0.99 * sink * limit) & (time[1:] > 1e-5)
+    assert current.max() == pytest.approx(limit, rel=1e-3)
+    assert current.min() == pytest.approx(-sink * limit, rel=1e-3)
+    assert 200 < np.count_nonzero(above[free] > 0.1 * (1.0 - knee) * limit) < free.sum() - 200
+    assert np.abs(drop - expected)[free].max() < 0.02 * resistance * limit
+
+
 @pytest.mark.parametrize('frequency, percent', [(10.0, 0.22), (100.0, 2.2), (1000.0, 22.0)])
 def test_error_of_100_microseconds_delay_grows_with_frequency(frequency, percent):
     time, voltage = sine(frequency, 0.0, 90.0, 3, 1000)

@@ -170,6 +170,23 @@ def test_a_pair_found_late_that_does_better_takes_the_place_of_the_first(stop_an
     assert poor.selected == ('contact', 'sensor_delay') and not poor.tie
 
 
+def test_two_that_leave_all_quiet_come_before_what_the_measured_voltage_tells():
+    singles = [Ranked('amplifier_bandwidth', 900.0, 0.5, 2, 0.3, 1400.0),
+               Ranked('sensor_gain', 500.0, 0.49, 1, 0.7, 680.0)]
+    known = Ranked('amplifier_bandwidth+sensor_gain', 2000.0, 0.992, 3, 0.01, 11.0, second=300.0,
+                   part=0.9, over=900.0)
+    quiet = Ranked('amplifier_current_limit+transducer_ratio', 2400.0, 0.9994, 6, 0.001, 0.4,
+                   second=900.0, part=0.9, over=1900.0)
+    cut = Cut(True, known.name, 0.999, chances={known.name: 0.8, quiet.name: 0.05})
+    verdict = decide(singles, [known], 0.99, 50.0, [], cut=cut)
+    assert set(verdict.selected) == set(known.name.split('+'))
+    better = tie_pairs(verdict, [known, quiet], singles, cut=cut)
+    assert set(better.selected) == set(quiet.name.split('+')) and not better.tie
+    # Where neither does, no form of a driver misleads what is driven by the voltage.
+    loud = tie_pairs(verdict, [known, replace(quiet, excess=6.0)], singles, cut=cut)
+    assert set(loud.selected) == set(known.name.split('+'))
+
+
 def test_a_pair_that_nobody_would_believe_takes_no_place(stop_and_delay):
     singles, pair = stop_and_delay
     first = replace(singles[0], removed=0.95)

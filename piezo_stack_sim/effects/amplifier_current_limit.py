@@ -5,6 +5,9 @@ A driver that can deliver only so much current.
 
     -sink_share limit <= dq/dt <= limit
 
+A current limit may set in little by little: beyond a ``knee``, part of either limit, the
+resistance is 1 + ``rise`` times as large.
+
 Steps become ramps, and sines of more than limit/(pi C V_pp) triangles.  Small
 signals pass as the output resistance lets them: a limiter has at least 1 ohm behind it,
 which is faster than any recording, and drivers have up to 5 ohm.
@@ -20,10 +23,11 @@ import math
 from piezo_stack_sim.effects.base import Effect, Parameter
 
 
-def apply(model, limit, sink_share, output_resistance):
+def apply(model, limit, sink_share, output_resistance, rise, knee):
     """Limit the current of the driver, which has some resistance of its own."""
     if model.drive == 'voltage':
         model.current_limit, model.sink_share = limit, sink_share
+        model.knee, model.knee_rise = knee, 1.0 + rise
         model.output_resistance = max(model.output_resistance, output_resistance)
 
 
@@ -37,5 +41,11 @@ EFFECT = Effect(
                   'largest current that it sinks, over that', magnitude=False),
         Parameter('output_resistance', 'ohm', 1.0, 1.0, 1e3, 2.0,
                   'resistance between driver and stack', magnitude=False),
+        Parameter('rise', '1', 0.0, 0.0, 50.0, 1.0,
+                  'more resistance close to a limit, over that far from it', magnitude=False,
+                  tries=(1.0,)),
+        Parameter('knee', '1', 0.6, 0.2, 0.95, 0.6,
+                  'part of either limit from which it is more', magnitude=False, default=0.6,
+                  late=True),
     ),
     apply, channels=('voltage', 'charge', 'displacement'))

@@ -64,6 +64,8 @@ class Model:
     internal_resistance: float = 0.0
     current_limit: float = math.inf
     sink_share: float = 1.0
+    knee: float = 1.0
+    knee_rise: float = 1.0
     command_delay: float = 0.0
     sensor_delay: float = 0.0
     friction_stiffness: float = 0.0
@@ -372,6 +374,13 @@ def assemble(model: Model) -> System:
     real[layout.R_INTERNAL] = share * model.internal_resistance if charge_is_state else 0.0
     real[layout.R_LIMIT] = model.current_limit / share if limited else 0.0
     real[layout.R_SINK] = real[layout.R_LIMIT] * model.sink_share
+    # Only the driver's own resistance rises beyond the knee.
+    own = model.output_resistance / resistance if limited and resistance > 0.0 else 0.0
+    real[layout.R_RISE] = 1.0 + own * (model.knee_rise - 1.0)
+    for side, knee, edge in ((layout.R_LIMIT, layout.R_KNEE, layout.R_CEILING),
+                             (layout.R_SINK, layout.R_KNEE_SINK, layout.R_FLOOR)):
+        real[knee] = model.knee * real[side]
+        real[edge] = real[knee] + real[layout.R_RISE] * (real[side] - real[knee])
     real[layout.R_FRICTION_K] = model.friction_stiffness
     real[layout.R_FRICTION_F] = model.friction_force
     if math.isfinite(model.contact_gap):
@@ -438,4 +447,4 @@ def assemble(model: Model) -> System:
                 and not rates[2:, others].any() and not reading[0, others].any())
     initial = np.array([model.initial.get(name, 0.0) for name in names])
     return System(tuple(names), initial, k, v_break, r, real, ints, rates, opposing, reading,
-                  omega_max, rate_max, 12 * (k.size + 1), is_ideal)
+                  omega_max, rate_max, 4 * layout.N_LIMITS * (k.size + 1), is_ideal)

@@ -15,7 +15,7 @@ from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR, F_FRIC, F_FRIC_DIR, F_LIMIT,
     F_SLIP, I_CONTACT, I_FRICTION, I_LIMITER, M_FRICTION, R_FRICTION_F, R_FRICTION_K, R_GAP,
-    R_LIMIT, R_SINK, REST, W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3)
+    R_KNEE, R_KNEE_SINK, REST, W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3)
 
 MARGIN = 0.5  # of the amplitude, where the split into ringing and slow part is not strict
 EVER = 1e30  # s
@@ -70,7 +70,7 @@ def _goes_on(d1, d2, d3, omega, damping, direction, small, exact):
 def calm_time(now, x, w, omega, damping, exact, flags, p, r, real, ip, x_block):
     """Return for how long (s) there can be no event that a longer sub-step would hide."""
     if ip[I_LIMITER] != 0 and (flags[F_LIMIT] != 0
-                               or abs(now[W_WANT]) > 0.5 * min(real[R_LIMIT], real[R_SINK])):
+                               or abs(now[W_WANT]) > 0.5 * min(real[R_KNEE], real[R_KNEE_SINK])):
         return 0.0  # ringing may lead it across the limit and back
     if flags[F_SLIP] > 0:
         calm = _goes_on(now[W_Q1], now[W_Q2], now[W_Q3], omega, damping, flags[F_DIR], REST,

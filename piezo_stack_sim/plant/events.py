@@ -14,7 +14,8 @@ from piezo_stack_sim.plant.cubic import crossing, hermite, turning
 from piezo_stack_sim.plant.layout import (
     CHARGE_TOLERANCE, DISPLACEMENT_TOLERANCE, F_CONTACT, F_DIR, F_FRIC, F_FRIC_DIR, F_LIMIT,
     F_SLIP, I_CONTACT, I_FRICTION, M_FRICTION, M_FURTHEST, M_SLIDE, R_FRICTION_F, R_FRICTION_K,
-    R_GAP, R_LIMIT, R_SINK, W_Q, W_Q1, W_WANT)
+    R_GAP, W_Q, W_Q1, W_WANT)
+from piezo_stack_sim.plant.limiter import event_limit
 
 
 @inline
@@ -119,28 +120,6 @@ def grazes(y0, d0, y1, d1, low, high):
     return abs(peak - high) < margin or abs(peak - low) < margin
 
 
-@jit
-def event_limit(want0, want1, state, limit, sink):
-    """Return the part of a sub-step after which the amplifier begins or ends to limit, or 2."""
-    edge = limit
-    if state == 0:
-        if want1 < -sink * (1.0 + 1e-9):
-            edge = -sink
-        elif not want1 > limit * (1.0 + 1e-9):
-            return 2.0
-    elif state == 1:
-        if want1 >= limit:
-            return 2.0
-    else:
-        edge = -sink
-        if want1 <= -sink:
-            return 2.0
-    part = 1.0
-    if want1 != want0:
-        part = (edge - want0) / (want1 - want0)
-    return min(1.0, max(0.02, part))
-
-
 @inline
 def first_event(now, then, s, s1, length, flags, p, r, real, ip, x_block, n, reliable, divisible,
                 displaced, limited):
@@ -162,8 +141,7 @@ def first_event(now, then, s, s1, length, flags, p, r, real, ip, x_block, n, rel
             part = at
             kind = other
     if limited:
-        at = event_limit(now[W_WANT], then[W_WANT], flags[F_LIMIT], real[R_LIMIT],
-                         real[R_SINK])
+        at = event_limit(now[W_WANT], then[W_WANT], flags[F_LIMIT], real)
         if at < part:
             part = at
             kind = 0

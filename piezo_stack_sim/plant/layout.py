@@ -51,8 +51,8 @@ N_AHEAD = 3  # of them are known at the end of a sub-step together with the stat
 (R_T, R_C, R_MASS, R_STIFFNESS, R_RESISTANCE, R_INTERNAL, R_LIMIT, R_SINK, R_FRICTION_K,
  R_FRICTION_F, R_GAP, R_CONTACT_K, R_V2, R_V3, R_K2, R_K3, R_OMEGA_EXTRA, R_RATE_MAX,
  R_TOL, R_DAMPING, R_OMEGA_FAST, R_QUICKEST, R_GROWTH, R_EXPONENT, R_SHARE, R_CONTACT_H,
- R_CONTACT_POWER, R_CONVERSE) = range(28)
-N_REAL = 28
+ R_CONTACT_POWER, R_CONVERSE, R_KNEE, R_KNEE_SINK, R_RISE, R_CEILING, R_FLOOR) = range(33)
+N_REAL = 33
 
 # Integer parameters.
 (I_DRIVE, I_QSTATE, I_FRICTION, I_CONTACT, I_LIMITER, I_SMOOTH, I_CLAMPED, I_SOURCE,
@@ -63,9 +63,14 @@ N_INT = 11
 VOLTAGE, CHARGE = 0, 1
 
 # Discrete state: slipping Maxwell elements and their direction, the same for
-# friction, contact touched, limiter (0 linear, 1 up, 2 down).
+# friction, contact touched, limiter (one of those below).
 F_SLIP, F_DIR, F_FRIC, F_FRIC_DIR, F_CONTACT, F_LIMIT = range(6)
 N_FLAGS = 6
+
+# The driver's current: as its resistance lets it, held at the limit, beyond the knee.  All
+# are told by what the resistance alone would let flow.
+FREE, SOURCED, SUNK, BENT_UP, BENT_DOWN = range(5)
+N_LIMITS = 5
 
 CHARGE_TOLERANCE = 1e-14  # C; a millionth of the smallest break charge of interest
 DISPLACEMENT_TOLERANCE = 1e-15  # m
@@ -75,9 +80,9 @@ GROWTH_CURRENT = 1e-2  # A at which the growth is stated
 GROWTH_MEMORY = 2.5e-4  # s, of the current that it follows: a sample at 4 kHz
 MAX_EVENTS = 100000  # in one segment; a guard, never met by a finite input
 
-# Space to work in: rows as wide as an extended state or what is watched, the last four
+# Space to work in: rows as wide as an extended state or what is watched, the last five
 # for the algebra of a mode; and square matrices for its propagators.
 (WORK_Z, WORK_Z1, WORK_END, WORK_HELD, WORK_NOW, WORK_THEN, WORK_BEND, WORK_SOURCE, WORK_Q, WORK_V,
- WORK_WANT) = range(11)
-N_ROWS = 11
+ WORK_WANT, WORK_FLOW) = range(12)
+N_ROWS = 12
 N_MATRICES = 4

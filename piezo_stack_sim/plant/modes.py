@@ -11,12 +11,13 @@ import math
 
 from piezo_stack_sim.plant.compiled import jit
 from piezo_stack_sim.plant.layout import (
-    A_RC, F_CONTACT, F_FRIC, F_LIMIT, F_SLIP, I_CLAMPED, I_DRIVE, I_FRICTION, I_INPUTS,
-    I_QSTATE, I_RELAXING, I_SMOOTH, I_SOURCE, N_AHEAD, N_INPUTS, N_OUTPUTS, ONE, R_C,
-    R_CONTACT_K, R_CONVERSE, R_FRICTION_K, R_INTERNAL, R_LIMIT, R_MASS, R_OMEGA_EXTRA,
-    R_OMEGA_FAST, R_RATE_MAX, R_RESISTANCE, R_SHARE, R_SINK, R_STIFFNESS, R_T, SMOOTH_V, U,
-    VOLTAGE, W_OUT, W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3, WORK_Q, WORK_SOURCE, WORK_V,
-    WORK_WANT)
+    A_RC, BENT_UP, F_CONTACT, F_FRIC, F_LIMIT, F_SLIP, FREE, I_CLAMPED, I_DRIVE, I_FRICTION,
+    I_INPUTS, I_QSTATE, I_RELAXING, I_SMOOTH, I_SOURCE, N_AHEAD, N_INPUTS, N_LIMITS, N_OUTPUTS,
+    ONE, R_C, R_CONTACT_K, R_CONVERSE, R_FRICTION_K, R_INTERNAL, R_KNEE, R_KNEE_SINK, R_LIMIT,
+    R_MASS, R_OMEGA_EXTRA, R_OMEGA_FAST, R_RATE_MAX, R_RESISTANCE, R_RISE, R_SHARE, R_SINK,
+    R_STIFFNESS, R_T, SMOOTH_V, SOURCED, SUNK, U,
+    VOLTAGE, W_OUT, W_Q, W_Q1, W_Q2, W_Q3, W_WANT, W_X2, W_X3, WORK_FLOW, WORK_Q, WORK_SOURCE,
+    WORK_V, WORK_WANT)
 from piezo_stack_sim.plant.matrices import clear, product, SHORT, TERMS
 
 
@@ -26,7 +27,7 @@ def mode_index(flags):
     index = flags[F_SLIP]
     index = index * 2 + (1 if flags[F_FRIC] != 0 else 0)
     index = index * 2 + flags[F_CONTACT]
-    return index * 3 + flags[F_LIMIT]
+    return index * N_LIMITS + flags[F_LIMIT]
 
 
 @jit
@@ -70,10 +71,10 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     n_states = rates.shape[0]
     n = k.size
     width = n_states + N_INPUTS
-    limit = mode % 3
-    contact = (mode // 3) % 2
-    friction = (mode // 6) % 2
-    slip = mode // 12
+    limit = mode % N_LIMITS
+    contact = (mode // N_LIMITS) % 2
+    friction = (mode // (2 * N_LIMITS)) % 2
+    slip = mode // (4 * N_LIMITS)
     stiff_rc = 0.0
     for i in range(slip, n):
         stiff_rc += k[i]
@@ -121,19 +122,27 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     v_row[n_states + A_RC] += 1.0
     v_row[n_states + SMOOTH_V] += 1.0
 
-    # Rate of q wanted by the source resistance, before any limit.
+    # Rate of q wanted by the source resistance, before any limit, and what flows of it.
     want = work[WORK_WANT]
+    flow = work[WORK_FLOW]
     clear(want, width)
+    clear(flow, width)
     if iq >= 0:
         total = real[R_RESISTANCE] + real[R_INTERNAL]
         for c in range(width):
             want[c] = (source[c] - v_row[c]) / total
-        if limit == 0:
-            for c in range(width):
-                v_row[c] += real[R_INTERNAL] * want[c]
+        if limit == SOURCED:
+            flow[n_states + ONE] = real[R_LIMIT]
+        elif limit == SUNK:
+            flow[n_states + ONE] = -real[R_SINK]
         else:
-            v_row[n_states + ONE] += real[R_INTERNAL] * (
-                real[R_LIMIT] if limit == 1 else -real[R_SINK])
+            slope = 1.0 if limit == FREE else 1.0 / real[R_RISE]
+            for c in range(width):
+                flow[c] = slope * want[c]
+            knee = real[R_KNEE] if limit == BENT_UP else -real[R_KNEE_SINK]
+            flow[n_states + ONE] += (1.0 - slope) * knee
+        for c in range(width):
+            v_row[c] += real[R_INTERNAL] * flow[c]
     elif ip[I_DRIVE] == VOLTAGE:
         for c in range(width):
             v_row[c] = source[c]
@@ -150,13 +159,8 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
             augmented[i, c] = (rate + rates[i, n_states] * q_row[c]
                                + rates[i, n_states + 1] * v_row[c])
     if iq >= 0:
-        if limit == 0:
-            for c in range(used):
-                augmented[iq, c] = want[c]
-        else:
-            for c in range(used):
-                augmented[iq, c] = 0.0
-            augmented[iq, n_states + ONE] = real[R_LIMIT] if limit == 1 else -real[R_SINK]
+        for c in range(used):
+            augmented[iq, c] = flow[c]
     if ip[I_CLAMPED] == 0:
         if ip[I_FRICTION] != 0 and friction == 0:
             augmented[1, 0] -= real[R_FRICTION_K] / real[R_MASS]
@@ -186,7 +190,10 @@ def build_mode(mode, real, ip, k, rates, opposing, reading, cls_tick, levels,
     stiffness = max(-augmented[1, 0] * real[R_MASS], 0.0)
     if iq >= 0:
         lag = (real[R_RESISTANCE] + real[R_INTERNAL]) / (big_k + 1.0 / cap)
-        if limit == 0 and lag * math.sqrt(stiffness / real[R_MASS]) < 0.2:
+        if limit != FREE:
+            lag *= real[R_RISE]
+        follows = limit != SOURCED and limit != SUNK
+        if follows and lag * math.sqrt(stiffness / real[R_MASS]) < 0.2:
             stiffness += freed - held
     fastest = math.sqrt(max(stiffness, real[R_STIFFNESS], 1.0) / real[R_MASS])
     fastest = max(fastest, real[R_OMEGA_FAST])

@@ -16,8 +16,9 @@ from piezo_stack_sim.plant.layout import (
     F_FRIC, F_FRIC_DIR, F_LIMIT, F_SLIP, GROWTH_CURRENT, GROWTH_MEMORY, GROWTH_STEP, I_CONTACT,
     I_DRIVE, I_FRICTION, I_LIMITER, I_QSTATE, I_SMOOTH, I_SOURCE, M_BEGAN, M_CHARGE, M_CURRENT,
     M_FRICTION, M_FURTHEST, M_GROWTH, M_JUMP, M_SINCE, M_SLIDE, R_C, R_CONTACT_H, R_CONTACT_K,
-    R_CONTACT_POWER, R_EXPONENT, R_FRICTION_F, R_FRICTION_K, R_GAP, R_GROWTH, R_K2, R_K3, R_LIMIT,
-    R_SHARE, R_SINK, R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
+    R_CONTACT_POWER, R_EXPONENT, R_FRICTION_F, R_FRICTION_K, R_GAP, R_GROWTH, R_K2, R_K3, R_SHARE,
+    R_T, R_V2, R_V3, SMOOTH_F, SMOOTH_V, U, VOLTAGE, W_Q, W_Q1, W_WANT)
+from piezo_stack_sim.plant.limiter import limit_at
 
 
 @jit
@@ -269,12 +270,7 @@ def switch(now, s, inputs, flags, p, r, k, v_break, real, ip, x_block, turned):
             flags[F_CONTACT] = 0
             changed = True
     if ip[I_LIMITER] != 0:
-        want = now[W_WANT]
-        state = 0
-        if want > real[R_LIMIT] * (1.0 + 1e-9):
-            state = 1
-        elif want < -real[R_SINK] * (1.0 + 1e-9):
-            state = 2
+        state = limit_at(now[W_WANT], flags[F_LIMIT], real)
         if state != flags[F_LIMIT]:
             flags[F_LIMIT] = state
             changed = True

@@ -159,6 +159,11 @@ def rank_pairs(forms: Forms, search: Search, judge: Judge, removable: Removable,
     return parallel(asked, pairs)
 
 
+def _excess(judge: Judge, search: Search, name: str) -> float:
+    """Return the largest mean square over the noise that a fit leaves in a track, minus one."""
+    return float(np.max(judge.powers(search.fits[name].residual))) - 1.0
+
+
 def rank_mended(forms: Forms, search: Search, judge: Judge, removable: Removable
                 ) -> list[Ranked]:
     """Return pairs as they leave the gap if a third effect mends the form of the first."""
@@ -338,6 +343,11 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         name = pair_of(*verdict.selected)
         resembling = alike.resembling.union(cut.resembling if cut else ())
         asked = exchange_alike(fitter, search, name, resembling, progress)
+        # Both may stand for another, each as long as the other does.
+        best_pair = min((name, *asked), key=lambda each: forms.nats(search.fits[each]))
+        if best_pair != name and _excess(judge, search, best_pair) > thresholds.heard:
+            more = exchange_alike(fitter, search, best_pair, resembling, progress)
+            asked = list(dict.fromkeys((*asked, *(each for each in more if each != name))))
         pairs = ranked([name, *asked])
         rivals = pairs
         if any(pair.name == name for pair in hidden):

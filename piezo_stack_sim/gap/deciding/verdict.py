@@ -381,7 +381,11 @@ def tie_pairs(verdict: Verdict, pairs: list[Ranked], singles: list[Ranked],
     most = t.alike * (1.0 - chosen.removed) + 0.01
     able = [chosen, *(pair for pair in pairs if pair.over < math.inf
                       and 1.0 - pair.removed < most and pair is not chosen)]
-    if cut is not None and cut.pair == chosen.name and cut.removed >= t.behind:
+    # What leaves a recording loud is none of two where others like it leave all of them quiet.
+    quiet = [pair for pair in able if pair.excess < t.heard]
+    if quiet and t.tenth * chosen.excess > t.heard:
+        weight = _weights(quiet, t)
+    elif cut is not None and cut.pair == chosen.name and cut.removed >= t.behind:
         # Driven by the measured voltage no form of a driver misleads.
         weight = {pair: cut.chances.get(pair.name, 0.0) for pair in able}
     else:

@@ -20,7 +20,7 @@ import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.fitting.candidates import (
-    clipped, is_idle, Merit, Probe, probe_tone, RIVAL, Search, shared, times_of)
+    clipped, is_idle, Merit, Probe, probe_tone, RIVAL, Search, shared, times_of, WORTH)
 from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.fitting.form import are_alike_in_form, Forms
 from piezo_stack_sim.gap.fitting.lens import Cells
@@ -336,11 +336,16 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
         for other, place in _promises(fitter, search, others, without)[:EXCHANGED]:
             pair = pair_of(kept, other)
             place = {**place, **clipped(known.effects[out], shared(other, out))}
-            starts[pair] = search.fits.get(pair) or replace(
-                known, effects={kept: known.effects[kept], other: place})
+            starts[pair] = search.fits.get(pair), [
+                {kept: known.effects[kept], other: values}
+                for values in (place, *_found_alone(search, other))]
 
     def whole(pair):
-        start = starts[pair]
+        start, others = starts[pair]
+        if start is None:
+            effects = min(others, key=lambda there: fitter.retuned(
+                fitter.residual_of(there, known.phi), known.phi)[0])
+            start = replace(known, effects=effects)
         return pair, _settled(forms, fitter.fit(start.effects, start.phi, PLAIN_STEPS))
 
     # What resembles another pair, too, has been led to its end.
@@ -350,6 +355,12 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
             search.fits[pair] = fit
     search.exchanged[asked] = list(starts)
     return search.exchanged[asked]
+
+
+def _found_alone(search: Search, name: str) -> list[dict[str, float]]:
+    """Return where an effect was found as the only one, if it explains anything so."""
+    fit = search.fits[name]
+    return [fit.effects[name]] if search.nominal.cost - fit.cost > WORTH else []
 
 
 def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None],
