@@ -154,6 +154,27 @@ def test_a_current_limit_that_is_never_met_is_drawn_again(short, tmp_path, monke
     assert label['effects'][0]['parameters']['limit'] == 0.006
 
 
+def test_where_no_command_ever_meets_a_current_limit_another_setting_is_drawn(
+        short, tmp_path, monkeypatch):
+    """A device would hide a resistance only, under the name of the limit."""
+    limits = iter([100.0] * case.TRIES + [0.006])
+    hidden = case.EFFECTS['amplifier_current_limit']
+    monkeypatch.setitem(case.EFFECTS, hidden.key, replace(hidden, ranges=hidden.ranges | {
+        'limit': lambda random, context: next(limits),
+        'resistance': lambda random, context: 25.0}))
+    settings = []
+    draw = case.draw_setting
+    monkeypatch.setattr(case, 'draw_setting', lambda *given: settings.append(
+        draw(*given)) or settings[-1])
+    out = batch(tmp_path, hidden=[('one', (hidden.key,))])
+    label = labels.reveal(out)['sets']['set_000']
+    assert label['attempts'] == case.TRIES + 1
+    assert label['effects'][0]['parameters']['limit'] == 0.006
+    first, last = settings
+    assert label['scatter']['C'] == last.clean.stack.C / last.file.C - 1.0
+    assert label['scatter']['C'] != first.clean.stack.C / first.file.C - 1.0
+
+
 def test_an_effect_that_the_other_of_a_pair_hides_is_drawn_again(short, tmp_path, monkeypatch):
     """A driver at its rail never brings the stack to a stop that stands further out."""
     rails = iter([40.0, 80.0])

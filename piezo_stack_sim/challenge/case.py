@@ -23,6 +23,8 @@ UNCERTAINTY = 0.02
 #: again.
 VISIBLE = {'one': 0.5, 'two': 1.0, 'absent': 0.7}
 TRIES = 12
+#: And so many settings: a current limit is never met where every command is slow.
+SETTINGS = 4
 NOMINALS = ('m', 'k', 'b', 'C', 'T')
 #: Of the Maxwell curve, stiffnesses and break voltages move at these many elements, and between
 #: them in proportion: each element by itself would leave hardly less.

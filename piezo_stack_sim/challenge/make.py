@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a batch of recording sets with hidden effects, and the labels that stay outside."""
 
+from dataclasses import dataclass
 import gzip
 import hashlib
 import io
@@ -121,17 +122,38 @@ def batch_id(sets, seed, unforeseen=False, patchy=False):
     return hashlib.sha256(f'challenge/1 {sets} {seed}{kind}'.encode()).hexdigest()[:16]
 
 
-def make_set(out, index, seed, kind, ids, patchy=False):
-    """Make one set and write it with its truth; `kind` and `ids` come from the schedule."""
-    name = set_name(index)
-    random = np.random.default_rng([seed, index])
+@dataclass(frozen=True)
+class Drawn:
+    """
+    What was drawn for a set: its setting, what is hidden, and the responses by recording.
+
+    ``true`` of the device, ``clean`` without what is hidden, ``alone`` with each of it, ``file`` of
+    the device of the parameter file; ``seen`` and ``beside`` how far what is hidden stands out,
+    by itself and beside the other.  ``shows`` tells whether it does.
+    """
+
+    setting: object
+    recordings: list
+    hidden: list
+    true: list
+    clean: list
+    alone: dict
+    file: list
+    seen: dict
+    beside: dict
+    attempts: int
+    shows: bool
+
+
+def draw_visible(random, kind, ids):
+    """Draw a setting, and magnitudes of what is hidden in it until that shows, or for so long."""
     setting = case.draw_setting(random, ids)
     recordings = programmes.programmes(setting.plan)
     clean = case.responses(setting.clean, recordings)
     moved, file = case.sensitivities(setting, recordings)
     top = max(float(programme.command.max()) for programme in recordings)
     context = Context(top=top, stroke=max(float(r['displacement'].max()) for r in clean))
-
+    drawn = None
     for attempt in range(case.TRIES):
         hidden = [(key, case.EFFECTS[key].draw(random, context)) for key in ids]
         true = case.responses(case.hide(setting.clean, hidden), recordings) if ids else clean
@@ -150,9 +172,28 @@ def make_set(out, index, seed, kind, ids, patchy=False):
         # A driver at its rail keeps the stack from whatever stands further out.
         beside = {key: visible(true, alone[other])
                   for key, other in zip(ids, reversed(ids)) if key != other}
-        if all(max(levels.values()) >= case.VISIBLE[kind]
-               for levels in (*named.values(), *beside.values())):
+        shows = all(max(levels.values()) >= case.VISIBLE[kind]
+                    for levels in (*named.values(), *beside.values()))
+        drawn = Drawn(setting, recordings, hidden, true, clean, alone, file, seen, beside,
+                      attempt + 1, shows)
+        if shows:
             break
+    if drawn is None:
+        raise InputError(f'{" and ".join(ids)}: drawn {case.TRIES} times, and each device ran away')
+    return drawn
+
+
+def make_set(out, index, seed, kind, ids, patchy=False):
+    """Make one set and write it with its truth; `kind` and `ids` come from the schedule."""
+    name = set_name(index)
+    random = np.random.default_rng([seed, index])
+    attempts = 0
+    for _ in range(case.SETTINGS):
+        drawn = draw_visible(random, kind, ids)
+        attempts += drawn.attempts
+        if drawn.shows:
+            break
+    setting, recordings, true = drawn.setting, drawn.recordings, drawn.true
     measured = [with_noise(setting, programme, channels, random)
                 for programme, channels in zip(recordings, true)]
     if patchy:
@@ -163,10 +204,10 @@ def make_set(out, index, seed, kind, ids, patchy=False):
                         setting.force_column)
     write_text(out / 'devices' / f'{name}.yaml', parameter_file(name, setting.file))
     truth = labels.truth_folder(out)
-    digest = write_truth(truth / f'{name}.npz', setting, recordings, true, clean, file)
-    label = describe(setting, kind, hidden, recordings, true, clean, file, alone, seen, beside)
+    digest = write_truth(truth / f'{name}.npz', setting, recordings, true, drawn.clean, drawn.file)
+    label = describe(drawn, kind)
     label['truth_sha256'] = digest
-    label['attempts'] = attempt + 1
+    label['attempts'] = attempts
     write_text(truth / f'{name}.json', json.dumps(label))
 
 
@@ -246,8 +287,11 @@ def write_truth(path, setting, recordings, true, clean, file):
     return digest.hexdigest()
 
 
-def describe(setting, kind, hidden, recordings, true, clean, file, alone, seen, beside):
+def describe(drawn, kind):
     """Return the label of a set: what was hidden, how large it is, what the unit is."""
+    setting, recordings = drawn.setting, drawn.recordings
+    true, clean, file = drawn.true, drawn.clean, drawn.file
+    alone, seen, beside = drawn.alone, drawn.seen, drawn.beside
     names = [programme.name for programme in recordings]
 
     def power(some, others):
@@ -256,7 +300,7 @@ def describe(setting, kind, hidden, recordings, true, clean, file, alone, seen, 
                 for channel in setting.channels}
 
     effects = []
-    for key, parameters in hidden:
+    for key, parameters in drawn.hidden:
         effect = case.EFFECTS[key]
         over = case.difference(setting, alone[key], clean)
 
