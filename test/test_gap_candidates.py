@@ -87,6 +87,22 @@ def test_a_limit_that_the_current_never_meets_is_no_cause(device, effects, idle)
     assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
 
 
+@pytest.mark.parametrize('limit, idle', [(0.06, False), (0.08, True)])
+def test_a_limit_counts_that_a_loud_resistance_hides(device, limit, idle):
+    fitter = fitter_of(device, device.with_effects({'amplifier_current_limit': {
+        'limit': limit, 'output_resistance': 16.0, 'rise': 1.0}}), (
+        programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine()),
+        np.random.default_rng(7))
+    fit = min((fitter.fit({'amplifier_current_limit': {
+        'limit': start, 'output_resistance': 16.0, 'rise': 1.0}}, steps=12)
+        for start in (0.05, 0.1)), key=lambda fit: fit.cost)
+    held = {'amplifier_current_limit': {**fit.effects['amplifier_current_limit'], 'limit': 100.0}}
+    fall = fitter.fit(held, fit.phi, steps=0).cost - fit.cost
+    assert fall < 0.01 * (fitter.fit({}, fit.phi, steps=0).cost - fit.cost)
+    assert (fall > 0.02 * fitter.rows.size) == (not idle)
+    assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
+
+
 @pytest.mark.parametrize('gap, idle', [(5e-6, False), (1e-8, True)])
 def test_a_stop_without_a_gap_is_a_spring(device, gap, idle):
     unit = device.with_effects({'contact': {'gap': gap, 'stiffness': 5e6}})

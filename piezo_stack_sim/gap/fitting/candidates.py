@@ -42,6 +42,7 @@ POLISHED, POLISHING = 3, 8  # effects that are fitted to the end, with so many s
 TUNING = 6  # Gauss-Newton steps of the nominal parameters alone
 ROUNDS, HELPS = 4, 2e-3  # of leading them past side valleys, and part of the cost worth one
 IDLE = 0.01  # part of what an effect explains that its strength must, not what shapes it
+FELT = 0.02  # or else part of the noise, where nothing but noise is left
 SETTLED = 1.2  # mean square of a residual below which there is nothing more to fit
 ARRIVED = 1.05  # and below which no side valley of the parameters is left to come out of
 CONTENDS = 2.0  # cost, over that of the best, up to which an effect is led out of them
@@ -267,7 +268,11 @@ def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
         there = {**fit.effects, name: {**fit.effects[name], **end}}
         return fitter.cost(fitter.residual_of(there, fit.phi, fit), fit.phi) - fit.cost
 
-    return min(map(fall, ends)) < max(WORTH, IDLE * (without - fit.cost))
+    least = IDLE * (without - fit.cost)
+    if np.mean(fit.residual[fitter.rows] ** 2) < ARRIVED:
+        # An error of form is no part of what is left, so that less will do.
+        least = min(least, FELT * fitter.rows.size)
+    return min(map(fall, ends)) < max(WORTH, least)
 
 
 def tune(fitter: Fitter) -> Fit:
