@@ -179,7 +179,7 @@ def draw_visible(random, kind, ids):
         if shows:
             break
     if drawn is None:
-        raise InputError(f'{" and ".join(ids)}: drawn {case.TRIES} times, and each device ran away')
+        raise InputError(f'{" and ".join(ids)}: drawn {case.TRIES} times; each device ran away')
     return drawn
 
 
@@ -204,7 +204,7 @@ def make_set(out, index, seed, kind, ids, patchy=False):
                         setting.force_column)
     write_text(out / 'devices' / f'{name}.yaml', parameter_file(name, setting.file))
     truth = labels.truth_folder(out)
-    digest = write_truth(truth / f'{name}.npz', setting, recordings, true, drawn.clean, drawn.file)
+    digest = write_truth(truth / f'{name}.npz', drawn)
     label = describe(drawn, kind)
     label['truth_sha256'] = digest
     label['attempts'] = attempts
@@ -269,11 +269,12 @@ def parameter_file(name, stack):
         K=[round(float(k), 2) for k in stack.K], V=[round(float(v), 8) for v in stack.V], **values)
 
 
-def write_truth(path, setting, recordings, true, clean, file):
+def write_truth(path, drawn):
     """Keep thinned noise-free responses of the device and of the file's device; return a hash."""
     arrays = {}
-    for programme, now, ideal, nominal in zip(recordings, true, clean, file):
-        for channel in setting.channels:
+    for programme, now, ideal, nominal in zip(drawn.recordings, drawn.true, drawn.clean,
+                                              drawn.file):
+        for channel in drawn.setting.channels:
             for kind, source in (('true', now), ('clean', ideal), ('file', nominal)):
                 values = source[channel][::KEPT_ROWS]
                 arrays[f'{kind}/{programme.name}/{channel}'] = values.astype(np.float32)
