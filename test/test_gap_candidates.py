@@ -13,7 +13,7 @@ from fitters import fitter_of
 import numpy as np
 from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.fitting.candidates import (
-    _from_relatives, is_idle, Probe, Search, search_singles, tune, tune_as_best)
+    _disappointed, _from_relatives, is_idle, Probe, Search, search_singles, tune, tune_as_best)
 from piezo_stack_sim.gap.fitting.descent import _bounded_step, descend, Landscape
 from piezo_stack_sim.gap.fitting.fit import _inverse, Fit, Fitter
 from piezo_stack_sim.gap.fitting.nominal import Nuisance
@@ -177,6 +177,22 @@ def test_a_current_limit_is_started_with_the_resistance_of_a_slow_driver():
     assert [(name, place) for name, place, _ in _from_relatives(search)] == [
         ('amplifier_current_limit', {'limit': limit, 'sink_share': 1.0, 'output_resistance': 24.0})
         for limit in (0.02, 0.01)]
+
+
+def test_who_promised_most_and_kept_nothing_sets_out_from_nothing():
+    phi = np.zeros(2)
+    look = Place({'onset': 1e-3}, {'quadratic': 0.02, 'branch': 0.003})
+    costs = {'asymmetric_hysteresis': 100.0, 'stiffness_hardening': 50.0, 'creep': 100.0,
+             'sensor_gain': 60.0}
+    gains = {'asymmetric_hysteresis': 80.0, 'stiffness_hardening': 70.0, 'creep': 40.0,
+             'sensor_gain': 90.0}
+    search = Search(Fit({}, phi + 0.3, np.empty(0), 100.0), {
+        name: Fit({}, phi, np.empty(0), cost) for name, cost in costs.items()}, {
+        name: [Probe(name, {}, None, gain, gain, look)] for name, gain in gains.items()})
+    (name, place, start), = _disappointed(search)
+    assert name == 'asymmetric_hysteresis'
+    assert place == {'onset': 1e-3, 'quadratic': 0.0, 'branch': 0.0}
+    assert np.array_equal(start, phi)
 
 
 @pytest.mark.parametrize('frequency', [460.0, 1167.0, 1420.0])

@@ -127,9 +127,9 @@ class Drawn:
     """
     What was drawn for a set: its setting, what is hidden, and the responses by recording.
 
-    ``true`` of the device, ``clean`` without what is hidden, ``alone`` with each of it, ``file`` of
-    the device of the parameter file; ``seen`` and ``beside`` how far what is hidden stands out,
-    by itself and beside the other.  ``shows`` tells whether it does.
+    ``true`` of the device, ``clean`` without what is hidden, ``alone`` with each of it, ``file``
+    of the device of the parameter file; ``seen`` and ``beside`` how far what is hidden stands
+    out, by itself and beside the other.  ``shows`` tells whether it does.
     """
 
     setting: object

@@ -178,6 +178,7 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
               if nominal.cost - fit.cost > max(RIVAL * fall, WORTH)]
     rivals += [(name, fit.effects[name], nominal.phi) for name, fit in known.items()]
     rivals += _from_relatives(search)
+    rivals += _disappointed(search)
     _race(fitter, search, rivals, STEPS)
     polish(fitter, search, sorted(search.fits, key=lambda n: search.fits[n].cost)[:POLISHED])
     return search
@@ -207,6 +208,25 @@ def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndar
             known = clipped(search.fits[other].effects[other], bounds)
             places += [(name, {**probe.place, **known}, search.fits[other].phi)
                        for probe in _distinct(search.probes[name])[:PLACES]]
+    return places
+
+
+def _disappointed(search: Search) -> list[tuple[str, dict[str, float], np.ndarray]]:
+    """
+    Return places for effects that promised more than any has kept, and kept hardly any of it.
+
+    Where elements slip earlier or later a line misleads, and so do nominal parameters that have
+    stood in for them: they set out from nothing at the file's.
+    """
+    kept = {name: search.nominal.cost - fit.cost for name, fit in search.fits.items()}
+    best = max(kept.values())
+    places = []
+    for name, probes in search.probes.items():
+        probe = max(probes, key=lambda probe: probe.gain)
+        if (probe.look is not None and probe.look.strengths and probe.gain > best
+                and kept[name] < RIVAL * best):
+            places.append((name, {**probe.look.shape, **dict.fromkeys(probe.look.strengths, 0.0)},
+                           np.zeros_like(search.nominal.phi)))
     return places
 
 
