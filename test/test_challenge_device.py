@@ -13,6 +13,7 @@ from piezo_stack_sim.challenge.device import Programme, respond, STEP, Unit
 from piezo_stack_sim.challenge.foreign import FOREIGN
 from piezo_stack_sim.challenge.hidden import BLOCKS, Context
 from piezo_stack_sim.challenge.known import KNOWN
+from piezo_stack_sim.challenge.structure import sway
 from piezo_stack_sim.challenge.unforeseen import UNFORESEEN
 import pytest
 
@@ -102,6 +103,19 @@ def test_holds_are_quiet(key, recordings):
     x = respond(unit, programme)['displacement']
     hold = (programme.time > 1.1) & (programme.time < 1.55)
     assert np.abs(np.diff(x[hold], 2)).max() < 2e-10
+
+
+@pytest.mark.parametrize('frequency', [600.0, 4000.0])
+def test_a_structure_left_alone_comes_to_rest(frequency):
+    """However hard it was knocked, and however little is lost in it: it is passive."""
+    t = 4e-6 * np.arange(30000)
+    base = 2e-5 * np.sin(np.pi * np.clip(t * frequency, 0.0, 1.0)) ** 2
+    for part in ((1.0, 0.0), (0.0, 1.0)):
+        swung = sway(t, base, (frequency, 1.7 * frequency), 0.012, 6e-3 / frequency, part)
+        loud = [np.sqrt(np.mean(each ** 2)) for each in np.split(swung, 10)]
+        assert np.abs(swung).max() < 2e-4
+        assert loud[-1] < 0.2 * loud[1] < loud[0]
+    assert all(late < early for early, late in zip(loud, loud[1:]) if early > 1e-12)
 
 
 def test_a_random_remanence_is_one_that_a_voltage_history_leaves():

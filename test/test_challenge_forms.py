@@ -64,7 +64,7 @@ CASES = {
                                     'stiffness': 1e8}, {'coulomb_force': 4.0}),
     'mechanical_resonance': ('multisine', {'participation': 0.3, 'frequency': 1000.0,
                                            'spread': 1.7, 'second': 0.25, 'damping': 0.03,
-                                           'slip': 3e-7},
+                                           'way': 8e-6},
                              {'participation': 0.25, 'frequency': 1000.0, 'damping_ratio': 0.05,
                               'second_participation': 0.08, 'second_frequency': 1700.0,
                               'second_damping_ratio': 0.05}),

@@ -172,16 +172,16 @@ def friction(unit, force, breakaway, speed, stiffness):
                               'friction_speed': speed, 'friction_stiffness': stiffness})
 
 
-@register(KNOWN, 'mechanical', 'two modes of the structure between the stack and the sensor, '
-          'damped by joints that slip', 'displacement',
+@register(KNOWN, 'mechanical', 'a structure between the stack and the sensor, on joints that '
+          'are not linear', 'displacement',
           participation=either_sign(0.02, 0.6), frequency=log(500.0, 8e3),
-          spread=uniform(1.3, 2.2), second=uniform(0.1, 0.3), damping=log(0.008, 0.05),
-          slip=log(1e-7, 1e-6))
-def mechanical_resonance(unit, participation, frequency, spread, second, damping, slip):
+          spread=uniform(1.3, 2.2), second=uniform(0.1, 0.3), damping=log(0.012, 0.06),
+          way=log(6e-6, 1.5e-5))
+def mechanical_resonance(unit, participation, frequency, spread, second, damping, way):
     return unit.change(sensing={
         'mode_parts': ((1.0 - second) * participation, second * participation),
         'mode_frequencies': (frequency, spread * frequency), 'mode_damping': damping,
-        'mode_slip': slip})
+        'mode_way': way * 1e3 / frequency})
 
 
 @register(KNOWN, 'mechanical', 'Hertzian contact of rough faces: force in the 3/2 power of the '

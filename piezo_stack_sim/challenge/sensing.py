@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from numba import njit
 import numpy as np
 
+from piezo_stack_sim.challenge.structure import sway
+
 
 @dataclass(frozen=True)
 class Sensing:
@@ -22,11 +24,11 @@ class Sensing:
     joint_stiffness: float = np.inf  # N/m
     joint_force: float = 60.0  # N at which it is twice as stiff
     play: float = 0.0  # m
-    # Modes of the structure between the stack and the point that is read.
+    # The structure between the stack and the point that is read: see its module.
     mode_parts: tuple = ()
     mode_frequencies: tuple = ()  # Hz
     mode_damping: float = 0.03
-    mode_slip: float = np.inf  # m, deflection at which slip in the joints has doubled the damping
+    mode_way: float = 1.0  # m
     # Environment: warming up in two stages with a slow swing, vibration, knocks.
     warming: float = 0.0  # m
     warming_time: float = 8.0  # s
@@ -110,34 +112,6 @@ def filtered(time, signal, lag, quality):
 
 
 @njit(cache=True)
-def swing(time, signal, frequency, damping, slip):
-    """
-    Return the deflection of an oscillator whose base follows a signal; small steps.
-
-    Joints of a structure slip the more the further they are bent, so that its damping grows with
-    the deflection: twice as large at ``slip`` (m).  Ungar 1973, The status of engineering
-    knowledge concerning the damping of built-up structures.
-
-    """
-    out = np.zeros_like(signal)
-    omega = 2.0 * np.pi * frequency
-    y, rate = signal[0], 0.0
-    for i in range(1, signal.size):
-        steps = 1 + int((time[i] - time[i - 1]) * omega / 0.02)
-        # In a long hold there is nothing to follow: what still swings is forgotten.
-        if steps > 2000:
-            y, rate, steps = signal[i], 0.0, 0
-        h = (time[i] - time[i - 1]) / max(steps, 1)
-        for k in range(steps):
-            base = signal[i - 1] + (signal[i] - signal[i - 1]) * (k + 1) / steps
-            grown = damping * (1.0 + abs(y - base) / slip)
-            rate += h * (omega * omega * (base - y) - 2.0 * grown * omega * rate)
-            y += h * rate
-        out[i] = y - signal[i]
-    return out
-
-
-@njit(cache=True)
 def with_play(signal, width):
     """Return the play operator of a signal: it follows only at the edge of a gap."""
     out = np.empty_like(signal)
@@ -178,9 +152,9 @@ def measure(sensing, trace, time, index):
             np.abs(force) / sensing.joint_force)
     if sensing.play > 0.0:
         x = with_play(x, sensing.play)
-    x = x + sum((part * swing(t, x, frequency, sensing.mode_damping, sensing.mode_slip)
-                 for part, frequency in zip(sensing.mode_parts, sensing.mode_frequencies)),
-                np.zeros_like(x))
+    if sensing.mode_parts:
+        x = x + sway(t, x, sensing.mode_frequencies, sensing.mode_damping, sensing.mode_way,
+                     sensing.mode_parts)
     x = x + surroundings(sensing, t - t[0], random)
     if sensing.lag > 0.0:
         x = filtered(t, x, sensing.lag, sensing.lag_quality)
