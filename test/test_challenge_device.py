@@ -11,6 +11,7 @@ from piezo_stack_sim.challenge import case, programmes
 from piezo_stack_sim.challenge.case import EFFECTS, schedule
 from piezo_stack_sim.challenge.device import Programme, respond, STEP, Unit
 from piezo_stack_sim.challenge.foreign import FOREIGN
+from piezo_stack_sim.challenge.guide import AT_FIRST, guide_of, kept, rub
 from piezo_stack_sim.challenge.hidden import BLOCKS, Context
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.challenge.structure import sway
@@ -116,6 +117,23 @@ def test_a_structure_left_alone_comes_to_rest(frequency):
         assert np.abs(swung).max() < 2e-4
         assert loud[-1] < 0.2 * loud[1] < loud[0]
     assert all(late < early for early, late in zip(loud, loud[1:]) if early > 1e-12)
+
+
+@pytest.mark.parametrize('force', [0.03, 8.0])
+def test_a_guide_only_takes_energy(force):
+    """Whichever way it is moved, and however fast."""
+    random, (first, second) = np.random.default_rng(2), guide_of(force, 8e-8, 0.7)
+    h = 2e-6
+    state, stored = np.append(0.0 * first, AT_FIRST), 0.0
+    for speed, steps in zip(random.normal(0.0, 2e-3, 300), random.integers(1, 300, 300)):
+        speed = 0.0 if random.random() < 0.1 else speed
+        for _ in range(steps):
+            after, before = rub(first, second, 0.05, state, speed * h, h), stored
+            stored = kept(second, state)
+            assert after * speed * h - (stored - before) > -1e-18 * force
+        assert abs(after) < 2.0 * force
+        if speed == 0.0:
+            state[-1] += AT_FIRST
 
 
 def test_a_random_remanence_is_one_that_a_voltage_history_leaves():

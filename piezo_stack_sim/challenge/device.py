@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezo_stack_sim.challenge.drive import Drive, output, segments
+from piezo_stack_sim.challenge.guide import AT_FIRST
 from piezo_stack_sim.challenge.integrator import LAGGED, RING, run, STATES, TERMINAL
 from piezo_stack_sim.challenge.sensing import measure, Sensing
 from piezo_stack_sim.challenge.stack import Stack
@@ -77,6 +78,7 @@ def rest(unit):
             state[STATES:] *= 1.0 - np.array(unit.faded)
             lead(np.full(SETTLED, path[-1]))
     state[LAGGED] = state[RING] = state[TERMINAL] = first
+    state[STATES - 1] = AT_FIRST
     return state
 
 

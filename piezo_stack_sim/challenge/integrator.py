@@ -11,16 +11,18 @@ coarse steps of the static equilibrium take over.
 from numba import njit
 import numpy as np
 
+from piezo_stack_sim.challenge.guide import MEMBERS, rub
 from piezo_stack_sim.challenge.memory import (
     CAPACITY, forget, logarithmic_growth, power_law_decay, remember,
 )
 from piezo_stack_sim.challenge.physics import (
-    bristle_after, charge_step, equilibrium, mechanical_force, mesh_voltage, output_drop, slip,
+    charge_step, equilibrium, mechanical_force, mesh_voltage, output_drop, slip,
 )
 
-#: Layout of the state vector; the Maxwell voltages follow at the end.
-(Q, X, SPEED, TERMINAL, BRISTLE, HEAT, CURRENT, RELAY, RELAY_GOAL, LAGGED, RING, RING_RATE, BODY,
- BODY_SPEED, STATES) = range(15)
+#: Layout of the state vector; that of the guide follows, then the Maxwell voltages.
+(Q, X, SPEED, TERMINAL, HEAT, CURRENT, RELAY, RELAY_GOAL, LAGGED, RING, RING_RATE, BODY,
+ BODY_SPEED, GUIDE) = range(14)
+STATES = GUIDE + MEMBERS + 1
 
 #: Motion slower than this (m/s) is a hold: at 20 kHz it is an amplitude of 0.01 nm.
 AT_REST = 1e-6
@@ -133,7 +135,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
         Time, terminal voltage, charge, displacement, force; left limits at segment boundaries.
 
     """
-    z = state[STATES:]
+    z, guided = state[STATES:], state[GUIDE:STATES]
+    rubs, rubbing = p.guide_first[0] > 0.0, guided[:MEMBERS].sum()
     out = np.empty((5, 8192))
     save(out, 0, starts[0], state, 0.0)
     rows = 1
@@ -201,7 +204,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                     dq = charge_step(p, z, state[Q], 0.0, x, 0.0, heat, rate_scale, state[RING])
                     slip(p, z, dq, 0.0, rate_scale)
                     state[Q] += dq
-                pull = (mechanical_force(p, state[Q], x, state[BRISTLE], relaxed, heat, force)
+                pull = (mechanical_force(p, state[Q], x, rubbing, relaxed, heat, force)
                         + pull_of_body(p, state, x))
                 acceleration = (pull - viscosity * state[SPEED]) / p.m
             fresh = False
@@ -212,11 +215,11 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             crept += creep_rate * h
 
             if calm:
-                dx, dq = equilibrium(p, z, state[Q], x, state[BRISTLE], slow, relaxed, h, heat,
-                                     rate_scale, source, force)
+                dx, dq = equilibrium(p, z, state[Q], x, guided, slow, relaxed, h, heat, rate_scale,
+                                     source, force)
                 speed = dx / h
-                if p.friction_force > 0.0:
-                    state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, speed)
+                if rubs:
+                    rubbing = rub(p.guide_first, p.guide_second, p.guide_third, guided, dx, h)
                 if p.body_mass > 0.0:
                     state[BODY], state[BODY_SPEED] = x + dx, speed
             else:
@@ -227,12 +230,12 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                     # At its limit the current does not reach what the source asks for.
                     terminal += mesh_voltage(p, z, state[Q], dq, slow, x + dx, h, heat,
                                              rate_scale)[0] - state[RING]
-                if p.friction_force > 0.0:
-                    state[BRISTLE] = bristle_after(p, state[BRISTLE], dx, state[SPEED])
+                if rubs:
+                    rubbing = rub(p.guide_first, p.guide_second, p.guide_third, guided, dx, h)
                 if p.body_mass > 0.0:
                     move_body(p, state, h)
-                pull = (mechanical_force(p, state[Q] + dq, x + dx, state[BRISTLE], relaxed, heat,
-                                         force) + pull_of_body(p, state, x + dx))
+                pull = (mechanical_force(p, state[Q] + dq, x + dx, rubbing, relaxed, heat, force)
+                        + pull_of_body(p, state, x + dx))
                 speed = ((state[SPEED] + 0.5 * h * (acceleration + pull / p.m))
                          / (1.0 + 0.5 * h * viscosity / p.m))
                 acceleration = (pull - viscosity * speed) / p.m

@@ -10,6 +10,7 @@ pages of the documentation.
 
 import numpy as np
 
+from piezo_stack_sim.challenge.guide import guide_of
 from piezo_stack_sim.challenge.hidden import (
     either_sign, log, of_stroke, of_top, register, uniform, whole,
 )
@@ -164,12 +165,12 @@ def stiffness_hardening(unit, force, power):
     return unit.change(stack={'hardening_force': force, 'hardening_power': power})
 
 
-@register(KNOWN, 'mechanical', 'LuGre bristles with a Stribeck curve', BOTH,
-          force=log(0.02, 15.0), breakaway=uniform(1.1, 1.5), speed=log(2e-4, 2e-3),
-          stiffness=log(5e7, 2e8))
-def friction(unit, force, breakaway, speed, stiffness):
-    return unit.change(stack={'friction_force': force, 'friction_breakaway': breakaway,
-                              'friction_speed': speed, 'friction_stiffness': stiffness})
+@register(KNOWN, 'mechanical', 'sliding in the guide of the moving part', BOTH,
+          force=log(0.028, 8.5), way=log(3e-8, 1.3e-7), mix=uniform(0.5, 1.0),
+          turn=log(0.025, 0.05))
+def friction(unit, force, way, mix, turn):
+    first, second = guide_of(force, way, mix)
+    return unit.change(stack={'guide_first': first, 'guide_second': second, 'guide_third': turn})
 
 
 @register(KNOWN, 'mechanical', 'a structure between the stack and the sensor, on joints that '

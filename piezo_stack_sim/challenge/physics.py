@@ -11,6 +11,8 @@ at every step of the integrator. Mechanical forces are functions of the trial di
 from numba import njit
 import numpy as np
 
+from piezo_stack_sim.challenge.guide import drag
+
 
 @njit(cache=True)
 def mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale):
@@ -115,18 +117,7 @@ def slip(p, z, dq, slow, rate_scale):
 
 
 @njit(cache=True)
-def bristle_after(p, bristle, dx, speed):
-    """Return the LuGre bristle deflection after a travel `dx`: its equation solved along dx."""
-    if dx == 0.0:
-        return bristle
-    strength = 1.0 + (p.friction_breakaway - 1.0) * np.exp(-(speed / p.friction_speed) ** 2)
-    limit = p.friction_force * strength / p.friction_stiffness
-    towards = np.sign(dx) * limit
-    return towards + (bristle - towards) * np.exp(-abs(dx) / limit)
-
-
-@njit(cache=True)
-def mechanical_force(p, q, x, bristle, relaxed, heat, force):
+def mechanical_force(p, q, x, rubbing, relaxed, heat, force):
     """Return the force on the moving end (Eqs. 14, 15), without viscosity and payload."""
     direct = p.T * (1.0 + p.direct_error) * (1.0 + heat)
     off = p.converse_error * (1.0 - force / p.depoling_force)
@@ -139,8 +130,7 @@ def mechanical_force(p, q, x, bristle, relaxed, heat, force):
     if p.hardening_force != 0.0:
         ratio = abs(x) / p.hardening_reference
         total -= np.sign(x) * p.hardening_force * ratio ** p.hardening_power
-    if p.friction_force > 0.0:
-        total -= p.friction_stiffness * bristle
+    total -= rubbing
     if p.hertz_stiffness > 0.0:
         # Asperities touch first: about the mean gap the indentation begins softly.
         deep = (x - p.hertz_gap) / p.hertz_roughness
@@ -157,19 +147,20 @@ def mechanical_force(p, q, x, bristle, relaxed, heat, force):
 
 
 @njit(cache=True)
-def equilibrium(p, z, q, x, bristle, slow, relaxed, h, heat, rate_scale, source, force):
+def equilibrium(p, z, q, x, guided, slow, relaxed, h, heat, rate_scale, source, force):
     """Return the steps of displacement and charge to where all forces balance: secant method."""
     stiff = p.k + p.T * p.T / p.C + p.spring_stiffness + p.mount_stiffness + p.b / h
-    if p.friction_force > 0.0:
-        stiff += p.friction_stiffness
+    rubs = p.guide_first[0] > 0.0
+    if rubs:
+        stiff += p.guide_second.sum()
     dx = dq = 0.0
     last_dx = last_net = 0.0
     for attempt in range(50):
         dq = charge_step(p, z, q, slow, x + dx, h, heat, rate_scale, source)
-        deflection = bristle
-        if p.friction_force > 0.0:
-            deflection = bristle_after(p, bristle, dx, dx / h)
-        net = mechanical_force(p, q + dq, x + dx, deflection, relaxed, heat, force)
+        rubbing = 0.0
+        if rubs:
+            rubbing = drag(p.guide_first, p.guide_second, p.guide_third, guided, dx, h)
+        net = mechanical_force(p, q + dq, x + dx, rubbing, relaxed, heat, force)
         net -= p.b * dx / h
         slope = stiff
         if attempt > 0 and dx != last_dx:

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezo_stack_sim.challenge.guide import MEMBERS
+
 #: Table 2 of the paper: stiffness 1/C_i (V/C) and break voltage (V) of the Maxwell elements.
 TABLE_2_STIFFNESS = (2.0e6, 0.6e6, 0.3e6, 0.26e6, 0.06e6, 0.1e6, 0.05e6, 0.03e6, 0.1e6, 0.5e6)
 TABLE_2_BREAK_VOLTAGE = (0.2, 0.3, 0.3, 2.6, 0.9, 2.0, 1.5, 1.2, 7.0, 80.0)
@@ -77,10 +79,10 @@ class Stack(NamedTuple):
     hardening_force: float = 0.0  # N at hardening_reference
     hardening_reference: float = 1.2e-5  # m
     hardening_power: float = 4.0
-    friction_force: float = 0.0  # N, Coulomb level
-    friction_breakaway: float = 1.3  # static over Coulomb
-    friction_speed: float = 1e-3  # m/s, Stribeck
-    friction_stiffness: float = 1e8  # N/m, bristles
+    # The guide of the moving part: see its module.
+    guide_first: np.ndarray = np.zeros(MEMBERS)
+    guide_second: np.ndarray = np.ones(MEMBERS)
+    guide_third: float = 0.0
     hertz_stiffness: float = 0.0  # N/m^1.5
     hertz_gap: float = 1.0  # m
     hertz_roughness: float = 1e-9  # m
