@@ -360,3 +360,21 @@ def test_who_is_stuck_at_a_bound_may_stand_for_what_its_form_is_like(device, sha
     assert (other in asked) == exchanged
     if exchanged:
         assert search.fits[other].cost < search.fits[name].cost
+
+
+def test_one_of_two_is_exchanged_for_another_as_that_was_found_alone(device):
+    limit, slow = 'amplifier_current_limit', 'amplifier_bandwidth'
+    true = {'limit': 0.04, 'sink_share': 0.7, 'output_resistance': 16.0, 'rise': 1.0}
+    fitter = fitter_of(device, device.with_effects({
+        limit: true, 'transducer_ratio': {'ratio_error': -0.06}}), [
+        programmes.triangle(cycles=1), programmes.multisine()], np.random.default_rng(3), NOISE)
+    search = search_singles(fitter, str, (limit, slow, 'transducer_ratio'))
+    found = search.fits[limit].effects[limit]
+    assert found['limit'] == pytest.approx(true['limit'], rel=0.3)
+    name = pairs.pair_of(slow, 'transducer_ratio')
+    search.fits[name] = fitter.fit({**search.fits[slow].effects,
+                                    **search.fits['transducer_ratio'].effects}, steps=6)
+    pairs.exchange_alike(fitter, search, name, {frozenset((limit, slow))}, str)
+    other = search.fits[pairs.pair_of(limit, 'transducer_ratio')]
+    assert other.cost < 1.1 * fitter.rows.size < 0.5 * search.fits[name].cost
+    assert other.effects[limit]['limit'] == pytest.approx(true['limit'], rel=0.05)
