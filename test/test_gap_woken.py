@@ -28,6 +28,13 @@ def faded(device, swings, part):
     return {f'strain_{i + 1}': float(z) for i, z in enumerate((strains * (1.0 - lost))[:9])}
 
 
+@pytest.mark.parametrize('name, has', [
+    ('initial_polarisation', True), ('mechanical_resonance', True), ('creep', False),
+    ('amplifier_current_limit', False)])  # nobody looks for its knee: it is no swing
+def test_what_mends_a_form_is_looked_for_where_there_is_a_way_to_it(name, has):
+    assert has_late(name) == has
+
+
 @pytest.mark.parametrize('swings', [(18.6, 0.0, 0.0), (42.0, -9.0, 25.0)])
 def test_a_history_that_has_faded_is_found_to_the_noise(device, swings):
     # Three swings are not enough for it: they leave many times the noise.

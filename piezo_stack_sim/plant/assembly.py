@@ -377,9 +377,11 @@ def assemble(model: Model) -> System:
     # Only the driver's own resistance rises beyond the knee.
     own = model.output_resistance / resistance if limited and resistance > 0.0 else 0.0
     real[layout.R_RISE] = 1.0 + own * (model.knee_rise - 1.0)
+    # Where nothing rises there is no knee to stop at.
+    knee_share = model.knee if real[layout.R_RISE] > 1.0 else 1.0
     for side, knee, edge in ((layout.R_LIMIT, layout.R_KNEE, layout.R_CEILING),
                              (layout.R_SINK, layout.R_KNEE_SINK, layout.R_FLOOR)):
-        real[knee] = model.knee * real[side]
+        real[knee] = knee_share * real[side]
         real[edge] = real[knee] + real[layout.R_RISE] * (real[side] - real[knee])
     real[layout.R_FRICTION_K] = model.friction_stiffness
     real[layout.R_FRICTION_F] = model.friction_force

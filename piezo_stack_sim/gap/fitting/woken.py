@@ -34,8 +34,9 @@ OTHERS = (1.2, -0.24, 0.6), (1.45, -0.29, 0.73)  # swings to set out from, too, 
 
 
 def has_late(name: str) -> bool:
-    """Tell whether an effect has numbers that mend its form."""
-    return any(parameter.late for parameter in EFFECTS[name].parameters)
+    """Tell whether an effect has numbers that mend its form, and there is a way to them."""
+    effect = EFFECTS[name]
+    return (effect.swings or effect.answer is not None) and any(p.late for p in effect.parameters)
 
 
 def woken(fitter: Fitter, fit: Fit) -> Fit:
