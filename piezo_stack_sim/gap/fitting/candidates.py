@@ -223,7 +223,7 @@ def _disappointed(search: Search) -> list[tuple[str, dict[str, float], np.ndarra
     places = []
     for name, probes in search.probes.items():
         probe = max(probes, key=lambda probe: probe.gain)
-        if (probe.look is not None and probe.look.strengths and probe.gain > best
+        if (probe.look.strengths and probe.gain > best
                 and kept[name] < RIVAL * best):
             places.append((name, {**probe.look.shape, **dict.fromkeys(probe.look.strengths, 0.0)},
                            np.zeros_like(search.nominal.phi)))
