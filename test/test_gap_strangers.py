@@ -120,6 +120,14 @@ def starts_anyhow(device, programme, clean):
     return {'displacement': np.interp(programme.time - late, time, place)}
 
 
+def wanders(device, programme, clean):
+    """Return the displacement as a clock reads it that is fast at first, and slow at the end."""
+    time = programme.time
+    end = time[-1]
+    late = 1.5e-4 * end * np.sin(4.2 * time / end) * (time / end) ** 0.5
+    return {'displacement': np.interp(time - late, time, clean['displacement'])}
+
+
 def warms(device, programme, clean):
     """Return what a ratio makes that grows by the current of the last 0.3 s."""
     stack = device.actuator
@@ -194,6 +202,7 @@ def test_what_is_wrong_and_followed_is_no_wrong_reading(device, effect):
     (leaks, None, ALL, 'sensor'), (forgets, None, ALL, 'sensor'),
     (jumps, None, ('charge', 'displacement'), 'electrical'), (warms, None, ALL, 'transducer'),
     (is_averaged, None, ALL, 'sensor'), (starts_anyhow, None, ('displacement',), 'sensor'),
+    (wanders, None, ('displacement',), 'sensor'),
     (None, warms_up, ('charge', 'displacement'), 'drive')])
 def test_a_stranger_is_known_by_what_it_leaves_beside_re_tuned_parameters(
         device, spoil, played, channels, block):
@@ -220,7 +229,8 @@ def test_no_stranger_takes_the_place_of_what_the_library_has(device, effect):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('spoil, why', [
-    (is_averaged, 'mean over its row'), (starts_anyhow, 'late by another time')])
+    (is_averaged, 'mean over its row'), (starts_anyhow, 'late by another time'),
+    (wanders, 'by a time that wanders')])
 def test_what_the_recorder_did_is_no_cause(device, spoil, why):
     # At two rates: at one, a mean over a row is a delay like any other.
     given = [programmes.multisine(), programmes.decay(), programmes.multisine(

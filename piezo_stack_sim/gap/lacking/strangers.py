@@ -28,6 +28,7 @@ from piezo_stack_sim.gap.measured.evidence import Evidence, Track
 from piezo_stack_sim.gap.measured.forward import residuals_of, simulate_channels, simulate_set
 from piezo_stack_sim.gap.quantities import quantity, significant
 from piezo_stack_sim.plant import Device
+from scipy.interpolate import BSpline
 from scipy.optimize import minimize_scalar
 
 SKEWS = np.geomspace(3e-6, 5e-3, 40)  # parts by which a clock may run fast or slow
@@ -52,6 +53,9 @@ TELLS = 100.0  # by which the squares of a recording are less that tells how lat
 DIFFER = 0.5  # part of the largest delay by which those of recordings differ that started anyhow
 WHOLLY = 0.1  # part of their gap that being late may leave of these: hysteresis leaves a third
 LATEST = 0.02  # s that a recording may start late or early
+SPANS, TURNS = 4, 3  # of the cubic splines by which a clock wanders, and how often they are fitted
+WANDERS = 5e-4  # parts by which a clock may run fast or slow that wanders
+STEADY = 0.3  # part that it may leave of what a lag leaves that is always the same
 STEPS = np.unique(np.round(np.concatenate([
     np.arange(-20.0, 21.0), -np.geomspace(20.0, 400.0, 30), np.geomspace(20.0, 400.0, 30)])))
 
@@ -97,6 +101,38 @@ def _skewed(device, evidence, outputs, skew):
             time * (1.0 - skew), time, answer['displacement'])}
 
     return list(map(one, evidence.tracks, outputs))
+
+
+def _wandering(device, evidence, outputs, parts):
+    # A clock starts with the recording; late all the time by the same is a delay, or a lag.
+    def late(track, moved, basis):
+        time, sizes = _since(track), np.zeros(basis.shape[1])
+        prior = np.eye(sizes.size) * (parts * time[-1]) ** -2.0
+        for _ in range(TURNS):
+            now = np.interp(time - basis @ sizes, time, moved)
+            wrong = track.weighted('displacement', now)[track.fitted]
+            speed = np.gradient(now, track.recording.period)
+            slope = np.column_stack([track.unbiased('displacement', track.average(speed * each))
+                                     for each in basis.T])[track.fitted]
+            slope /= track.sigma['displacement']
+            sizes = np.linalg.solve(slope.T @ slope + prior, slope.T @ (slope @ sizes - wrong))
+        now = np.interp(time - basis @ sizes, time, moved)
+        wrong = track.weighted('displacement', now)
+        return now, float(wrong @ wrong) - wrong.size
+
+    def one(track, answer):
+        if 'displacement' not in track.measured:
+            return answer, 0.0, 0.0
+        time, moved = _since(track), answer['displacement']
+        knots = np.concatenate([np.zeros(3), np.linspace(0.0, time[-1], SPANS + 1),
+                                np.full(3, time[-1])])
+        now, left = late(track, moved, BSpline.design_matrix(time, knots, 3).toarray()[:, 1:])
+        return ({**answer, 'displacement': now}, left,
+                late(track, moved, np.ones((time.size, 1)))[1])
+
+    found = parallel(lambda pair: one(*pair), zip(evidence.tracks, outputs))
+    left, steadily = np.sum([each[1:] for each in found], axis=0)
+    return [each[0] for each in found] if left < STEADY * steadily else outputs
 
 
 def _each_late(device, evidence, outputs, most):
@@ -295,5 +331,7 @@ STRANGERS = (
     Stranger(Suspect('sensor', 'the displacement is late by another time in every recording: '
                      'its clock is not that of the command'),
              [_MOVED], lambda outputs: (LATEST,), _each_late),
+    Stranger(Suspect('sensor', 'the displacement comes late by a time that wanders: it was read '
+                     'by a clock of its own'), [_MOVED], lambda outputs: (WANDERS,), _wandering),
     Stranger(HEATED, [_BOTH, _DRIVEN], lambda outputs: HEAT, _heated, True),
 )
