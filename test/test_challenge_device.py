@@ -136,6 +136,32 @@ def test_a_guide_only_takes_energy(force):
             state[-1] += AT_FIRST
 
 
+@pytest.mark.parametrize('limit, sinks', [(6e-3, 0.6), (0.03, 0.8), (0.1, 0.7)])
+@pytest.mark.parametrize('first, second, third', [(0.1, 0.2, 3e-3), (0.35, 0.2, 3e-2)])
+def test_a_driver_at_its_limit_arrives_no_sooner_than_that_allows(
+        limit, sinks, first, second, third):
+    """It sinks less than it sources, hangs nowhere on its way, and does not overshoot."""
+    unit = KNOWN['amplifier_current_limit'].apply(
+        Unit(), limit=limit, sinks=sinks, resistance=8.0, first=first, second=second, third=third)
+    t = 2e-5 * np.arange(15001)
+    command = np.select([t < 0.1, t < 0.2], [100.0, 5.0], 100.0) * (t > 2e-3)
+    out = respond(unit, Programme('square', t, command, 0.0 * t))
+    charge, rows = out['charge'], [4999, 9999, 14999]
+    assert np.abs(out['voltage'][rows] - command[rows]).max() < 1e-3
+    up, down = charge[rows[0]] - charge[0], charge[rows[0]] - charge[rows[1]]
+    took = []
+    for start, way in ((2e-3, up), (0.1, -down)):
+        after = (t > start) & (t < start + 0.09)
+        part = np.abs(charge[after] - charge[after][0]) / abs(way)
+        took.append(np.interp(0.9, part, t[after]) - np.interp(0.1, part, t[after]))
+        current = np.diff(charge[after]) / 2e-5 * np.sign(way)
+        most = limit if way > 0.0 else sinks * limit
+        assert current[5:].max() < 1.6 * most
+        assert 0.5 < 0.8 * abs(way) / took[-1] / most < 1.4
+    assert took[1] / down > took[0] / up
+    assert -1e-6 < out['voltage'].min() and out['voltage'].max() < 100.001
+
+
 def test_a_random_remanence_is_one_that_a_voltage_history_leaves():
     """Running the same history once more on top changes nothing: it is consistent."""
     unit = KNOWN['initial_polarisation'].apply(Unit(), peak=60.0, seed=4, faded=0.0)

@@ -36,7 +36,8 @@ RECORDINGS = dict(zip(programmes.NAMES, programmes.programmes(PLAN)))
 CASES = {
     'command_delay': ('multisine', {'delay': 9e-5, 'share': 0.4, 'phase': 0.3}, {'delay': 8e-5}),
     'amplifier_current_limit': ('decay multisine',
-                                {'limit': 0.03, 'sinks': 0.8, 'resistance': 15.0},
+                                {'limit': 0.03, 'sinks': 0.8, 'resistance': 15.0,
+                                 'first': 0.2, 'second': 0.1, 'third': 0.01},
                                 {'limit': 0.03, 'sink_share': 0.8, 'output_resistance': 12.0}),
     'amplifier_saturation': ('triangle', {'rail': 80.0, 'knee': 0.7},
                              {'upper': 80.0, 'knee': 1.0}),

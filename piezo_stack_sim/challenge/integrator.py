@@ -16,12 +16,14 @@ from piezo_stack_sim.challenge.memory import (
     CAPACITY, forget, logarithmic_growth, power_law_decay, remember,
 )
 from piezo_stack_sim.challenge.physics import (
-    charge_step, equilibrium, mechanical_force, mesh_voltage, output_drop, slip,
+    charge_step, equilibrium, mechanical_force, output_drop, slip,
 )
+from piezo_stack_sim.challenge.stage import begin, finish, KEPT, lost
 
-#: Layout of the state vector; that of the guide follows, then the Maxwell voltages.
+#: Layout of the state vector; those of stage and guide follow, then the Maxwell voltages.
 (Q, X, SPEED, TERMINAL, HEAT, CURRENT, RELAY, RELAY_GOAL, LAGGED, RING, RING_RATE, BODY,
- BODY_SPEED, GUIDE) = range(14)
+ BODY_SPEED, STAGE) = range(14)
+GUIDE = STAGE + KEPT
 STATES = GUIDE + MEMBERS + 1
 
 #: Motion slower than this (m/s) is a hold: at 20 kHz it is an amplitude of 0.01 nm.
@@ -135,7 +137,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
         Time, terminal voltage, charge, displacement, force; left limits at segment boundaries.
 
     """
-    z, guided = state[STATES:], state[GUIDE:STATES]
+    z, guided, stage = state[STATES:], state[GUIDE:STATES], state[STAGE:GUIDE]
     rubs, rubbing = p.guide_first[0] > 0.0, guided[:MEMBERS].sum()
     out = np.empty((5, 8192))
     save(out, 0, starts[0], state, 0.0)
@@ -149,8 +151,9 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
     creeping, relaxing = p.creep_per_decade != 0.0, p.mount_exponent > 0.0
     warming = p.rate_gain != 0.0 or p.heating_gain != 0.0
     viscosity = p.b + p.body_damping
+    limited = p.current_limit < np.inf
     calm = hold_only
-    still = unsaved = acceleration = terminal = 0.0
+    still = unsaved = acceleration = 0.0
     settling = SETTLING_WITH_BODY if p.body_mass > 0.0 else SETTLING
 
     for j in range(sources.size):
@@ -201,7 +204,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                 # The source has just jumped: without resistance the charge jumps with it.
                 amplify(p, state, source, 0.0)
                 if p.output_resistance == 0.0:
-                    dq = charge_step(p, z, state[Q], 0.0, x, 0.0, heat, rate_scale, state[RING])
+                    dq = charge_step(p, z, stage, state[Q], 0.0, x, 0.0, heat, rate_scale,
+                                     state[RING])
                     slip(p, z, dq, 0.0, rate_scale)
                     state[Q] += dq
                 pull = (mechanical_force(p, state[Q], x, rubbing, relaxed, heat, force)
@@ -213,10 +217,12 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             slow = creep_rate * h + (relay_charge(p, state, h) if p.relay_charge != 0.0 else 0.0)
             relaxed += relaxation_rate * h
             crept += creep_rate * h
+            if limited:
+                begin(p, stage, state[TERMINAL], h)
 
             if calm:
-                dx, dq = equilibrium(p, z, state[Q], x, guided, slow, relaxed, h, heat, rate_scale,
-                                     source, force)
+                dx, dq = equilibrium(p, z, stage, state[Q], x, guided, slow, relaxed, h, heat,
+                                     rate_scale, source, force)
                 speed = dx / h
                 if rubs:
                     rubbing = rub(p.guide_first, p.guide_second, p.guide_third, guided, dx, h)
@@ -224,12 +230,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                     state[BODY], state[BODY_SPEED] = x + dx, speed
             else:
                 dx = h * (state[SPEED] + 0.5 * h * acceleration)
-                dq = charge_step(p, z, state[Q], slow, x + dx, h, heat, rate_scale, state[RING])
-                terminal = state[RING] - output_drop(p, dq, h)[0]
-                if p.current_limit < np.inf:
-                    # At its limit the current does not reach what the source asks for.
-                    terminal += mesh_voltage(p, z, state[Q], dq, slow, x + dx, h, heat,
-                                             rate_scale)[0] - state[RING]
+                dq = charge_step(p, z, stage, state[Q], slow, x + dx, h, heat, rate_scale,
+                                 state[RING])
                 if rubs:
                     rubbing = rub(p.guide_first, p.guide_second, p.guide_third, guided, dx, h)
                 if p.body_mass > 0.0:
@@ -242,7 +244,10 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             slip(p, z, dq, slow, rate_scale)
             state[Q] += dq
             state[X], state[SPEED] = x + dx, speed
-            state[TERMINAL] = (state[RING] - output_drop(p, dq, h)[0] if calm else terminal)
+            state[TERMINAL] = state[RING] - (
+                lost(p, stage, dq / h) if limited else output_drop(p, dq, h))[0]
+            if limited:
+                finish(p, stage, dq / h, state[TERMINAL], h)
             if warming:
                 slow_states(p, state, dq, h)
 

@@ -40,12 +40,13 @@ def amplifier_bandwidth(unit, time_constant, inner, quiescent):
                               'quiescent_current': quiescent})
 
 
-@register(KNOWN, 'drive', 'output impedance that diverges softly towards the limit (atanh), '
-          'sinks less than it sources', ALL, without={'limit': np.inf}, limit=log(6e-3, 0.15),
-          sinks=uniform(0.6, 0.95), resistance=log(8.0, 25.0))
-def amplifier_current_limit(unit, limit, sinks, resistance):
-    # So much that it shows how softly the limit is met: emitter resistors of a class AB stage.
-    return unit.change(stack={'current_limit': limit, 'sink_share': sinks,
+@register(KNOWN, 'drive', 'a driver that gives only so much current', ALL,
+          without={'limit': np.inf}, limit=log(6e-3, 0.1), sinks=uniform(0.6, 0.95),
+          resistance=log(8.0, 25.0), first=uniform(0.1, 0.35), second=uniform(0.05, 0.2),
+          third=log(3e-3, 3e-2))
+def amplifier_current_limit(unit, limit, sinks, resistance, first, second, third):
+    return unit.change(stack={'current_limit': limit, 'sink_share': sinks, 'stage_first': first,
+                              'stage_second': second, 'stage_third': third,
                               'output_resistance': max(resistance,
                                                        unit.stack.output_resistance)})
 

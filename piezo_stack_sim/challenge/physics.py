@@ -12,6 +12,7 @@ from numba import njit
 import numpy as np
 
 from piezo_stack_sim.challenge.guide import drag
+from piezo_stack_sim.challenge.stage import BASE, lost, most
 
 
 @njit(cache=True)
@@ -49,7 +50,7 @@ def mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale):
         growth = np.exp(charge / p.bow_charge)
         voltage += p.bow_stiffness * (p.bow_charge * (growth - 1.0) - charge)
         slope += p.bow_stiffness * (growth - 1.0)
-    if h > 0.0:
+    if h > 0.0 and not p.current_limit < np.inf:
         drop, rise = output_drop(p, dq, h)
         voltage += drop
         slope += rise
@@ -61,8 +62,7 @@ def output_drop(p, dq, h):
     """
     Return the voltage lost in the amplifier's output for a charge step, and its slope.
 
-    It diverges at the current limit, which is another for charging than for discharging, and grows
-    only with the logarithm of the current beyond the quiescent one.
+    It grows only with the logarithm of the current beyond the quiescent one.
 
     """
     current = dq / h
@@ -71,11 +71,6 @@ def output_drop(p, dq, h):
         load = np.tanh(current / p.crossover_current)
         return (p.crossover_voltage * load,
                 p.crossover_voltage / p.crossover_current / h * (1.0 - load * load))
-    if p.current_limit < np.inf:
-        limit = p.current_limit if current > 0.0 else p.current_limit * p.sink_share
-        load = current / limit
-        return (p.output_resistance * limit * np.arctanh(load),
-                p.output_resistance / h / (1.0 - load * load))
     if p.quiescent_current < np.inf:
         load = current / p.quiescent_current
         return (p.output_resistance * p.quiescent_current * np.arcsinh(load),
@@ -84,15 +79,20 @@ def output_drop(p, dq, h):
 
 
 @njit(cache=True)
-def charge_step(p, z, q, slow, x, h, heat, rate_scale, source):
+def charge_step(p, z, stage, q, slow, x, h, heat, rate_scale, source):
     """Return the charge step with which the mesh takes the source voltage: Newton, bracketed."""
     low, high = -1e-2, 1e-2
-    if h > 0.0 and p.current_limit < np.inf:
-        high = h * p.current_limit * (1.0 - 1e-12)
-        low = -high * p.sink_share
     dq = 0.0
+    limited = h > 0.0 and p.current_limit < np.inf
+    if limited:
+        low, high = most(p, stage)
+        low, high, dq = low * h, high * h, stage[BASE] * h
     for _ in range(100):
         voltage, slope = mesh_voltage(p, z, q, dq, slow, x, h, heat, rate_scale)
+        if limited:
+            drop, rise = lost(p, stage, dq / h)
+            voltage += drop
+            slope += rise / h
         error = voltage - source
         if error > 0.0:
             high = dq
@@ -147,7 +147,7 @@ def mechanical_force(p, q, x, rubbing, relaxed, heat, force):
 
 
 @njit(cache=True)
-def equilibrium(p, z, q, x, guided, slow, relaxed, h, heat, rate_scale, source, force):
+def equilibrium(p, z, stage, q, x, guided, slow, relaxed, h, heat, rate_scale, source, force):
     """Return the steps of displacement and charge to where all forces balance: secant method."""
     stiff = p.k + p.T * p.T / p.C + p.spring_stiffness + p.mount_stiffness + p.b / h
     rubs = p.guide_first[0] > 0.0
@@ -156,7 +156,7 @@ def equilibrium(p, z, q, x, guided, slow, relaxed, h, heat, rate_scale, source, 
     dx = dq = 0.0
     last_dx = last_net = 0.0
     for attempt in range(50):
-        dq = charge_step(p, z, q, slow, x + dx, h, heat, rate_scale, source)
+        dq = charge_step(p, z, stage, q, slow, x + dx, h, heat, rate_scale, source)
         rubbing = 0.0
         if rubs:
             rubbing = drag(p.guide_first, p.guide_second, p.guide_third, guided, dx, h)

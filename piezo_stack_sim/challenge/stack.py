@@ -32,13 +32,16 @@ class Stack(NamedTuple):
     V: np.ndarray = np.array(TABLE_2_BREAK_VOLTAGE)  # V
 
     # Amplifier: a pole ahead of the output, an output resistance that falls once the current
-    # exceeds the quiescent one (class AB), a soft limit of the current, and an inductive output
-    # filter that may ring.
+    # exceeds the quiescent one (class AB), a limit of the current (see the module of the stage),
+    # and an inductive output filter that may ring.
     amplifier_lag: float = 0.0  # s
     output_resistance: float = 0.0  # Ohm
     quiescent_current: float = np.inf  # A
     current_limit: float = np.inf  # A
     sink_share: float = 1.0  # of the current limit, when discharging
+    stage_first: float = 0.0
+    stage_second: float = 0.0
+    stage_third: float = 1.0  # s
     ringing_frequency: float = 0.0  # Hz, 0 is none
     ringing_damping: float = 0.1
     crossover_voltage: float = 0.0  # V, of a class B output
