@@ -82,3 +82,18 @@ def test_recordings_that_each_began_alike_follow_none(effects, first):
         humps('high', 90.0), humps('low', 40.0, 60.0), programmes.steps(rate=1e3)))
     followed, findings = in_succession(given, DEVICE, simulate_set(DEVICE, given))
     assert not findings and not any(each.before for each in followed)
+
+
+@pytest.mark.parametrize('channels', [('displacement',), ('charge', 'displacement')])
+def test_what_a_spring_takes_from_every_stroke_is_not_left_by_another_recording(channels):
+    """A smaller stroke looks like one that begins where a larger one has left the device."""
+    unit = DEVICE.with_effects({'parallel_stiffness': {'stiffness': 4.2e6}})
+    tuned = unit.replace(actuator=unit.actuator.replace(
+        transformer_ratio=0.985 * unit.actuator.transformer_ratio))
+    given = tuple(
+        each.replace(measured={c: each.measured[c] for c in channels}) for each in (
+            recorded(tuned, (each,))[0] for each in (
+                humps('triangle', 15.0, 15.0, 30.0, 30.0, 47.0, 47.0), humps('decay', 60.0),
+                programmes.steps(rate=1e3), humps('multisine', 26.0), humps('force', 44.0))))
+    followed, findings = in_succession(given, DEVICE, simulate_set(DEVICE, given))
+    assert not findings and not any(each.before for each in followed)

@@ -110,12 +110,13 @@ def _wandering(device, evidence, outputs, parts):
         prior = np.eye(sizes.size) * (parts * time[-1]) ** -2.0
         for _ in range(TURNS):
             now = np.interp(time - basis @ sizes, time, moved)
-            wrong = track.weighted('displacement', now)[track.fitted]
             speed = np.gradient(now, track.recording.period)
-            slope = np.column_stack([track.unbiased('displacement', track.average(speed * each))
+            wrong = track.weighted('displacement', now)
+            # A reading that is late by more is what it was, less by the way done in the meantime.
+            slope = np.column_stack([track.weighted('displacement', now - speed * each) - wrong
                                      for each in basis.T])[track.fitted]
-            slope /= track.sigma['displacement']
-            sizes = np.linalg.solve(slope.T @ slope + prior, slope.T @ (slope @ sizes - wrong))
+            sizes = np.linalg.solve(slope.T @ slope + prior, slope.T @ (
+                slope @ sizes - wrong[track.fitted]))
         now = np.interp(time - basis @ sizes, time, moved)
         wrong = track.weighted('displacement', now)
         return now, float(wrong @ wrong) - wrong.size

@@ -7,7 +7,7 @@ The hysteresis remembers the largest swings of what went before (Eq. 16), so tha
 may begin where another has left the device, its sensors zeroed there.  That is no effect of the
 device: it is simulated so.  Each recording is asked after which other it fits; that is believed
 only if some of them began relaxed, from which all others follow, and if little is left of what
-was wrong.  Where none began relaxed it is the effect ``initial_polarisation``.
+was wrong, much less than where all that was measured is off by one factor.  Where none began relaxed it is the effect ``initial_polarisation``.
 """
 
 from __future__ import annotations
@@ -71,11 +71,16 @@ def in_succession(recordings: Sequence[Recording], device: Device,
     if not leader or len(past) < len(recordings):
         return same  # all of them alike, or some in a circle: none of these began relaxed
     past = _through_others(recordings, device, swings, leader, past)
+    followed = tuple(each.replace(before=past[i]) for i, each in enumerate(recordings))
+    left = sum(map(_error, followed, parallel(
+        lambda each: simulate_channels(device, each), followed)))
+    if left > FOLLOWS * _left_by_a_factor(recordings, simulated):
+        return same  # a unit, or a load, of which all that it does is less or more
     findings = [found(recordings[i], None, NOTE, 'begins with what '
                       f'{recordings[j].name} left in the device',
                       'it is simulated from there; relax the device before each recording to '
                       'leave no doubt') for i, j in sorted(leader.items())]
-    return tuple(each.replace(before=past[i]) for i, each in enumerate(recordings)), findings
+    return followed, findings
 
 
 def _pasts(leader: dict[int, int], swings: Sequence[tuple[float, ...]]
@@ -141,11 +146,34 @@ def extremes(command: np.ndarray) -> tuple[float, ...]:
 
 def _error(recording: Recording, simulated: dict[str, np.ndarray]) -> float:
     """Return the power of what is wrong with charge and displacement, in parts of their range."""
-    powers = []
-    for channel, values in recording.measured.items():
-        if channel == 'voltage':
-            continue
-        wrong = values - simulated[channel]
-        powers.append(float(np.mean((wrong - np.median(wrong[:5])) ** 2)) / (
-            float(np.ptp(values)) ** 2 or 1.0))
+    powers = [float(np.mean((measured - answer) ** 2))
+              for measured, answer in _moves(recording, simulated).values()]
     return sum(powers) / max(len(powers), 1)
+
+
+def _left_by_a_factor(recordings: Sequence[Recording],
+                      simulated: Sequence[dict[str, np.ndarray]]) -> float:
+    """Return the sum of the errors if each channel, in all recordings, is off by one factor."""
+    moves = [_moves(*pair) for pair in zip(recordings, simulated)]
+    total = 0.0
+    for channel in {channel for each in moves for channel in each}:
+        pairs = [(*each[channel], len(each)) for each in moves if channel in each]
+        factor = (sum(float(np.mean(measured * answer)) / n for measured, answer, n in pairs)
+                  / max(sum(float(np.mean(answer ** 2)) / n for _, answer, n in pairs), 1e-300))
+        total += sum(float(np.mean((measured - factor * answer) ** 2)) / n
+                     for measured, answer, n in pairs)
+    return total
+
+
+def _moves(recording: Recording, simulated: dict[str, np.ndarray]
+           ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return charge and displacement, measured and simulated, since the start, over the range."""
+    moves = {}
+    for channel, values in recording.measured.items():
+        if channel != 'voltage':
+            # The zero of both is that of the first samples of their difference.
+            zero = np.median((values - simulated[channel])[:5])
+            begun, span = simulated[channel][0], float(np.ptp(values)) or 1.0
+            moves[channel] = ((values - zero - begun) / span,
+                              (simulated[channel] - begun) / span)
+    return moves
