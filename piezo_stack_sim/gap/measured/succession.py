@@ -7,7 +7,8 @@ The hysteresis remembers the largest swings of what went before (Eq. 16), so tha
 may begin where another has left the device, its sensors zeroed there.  That is no effect of the
 device: it is simulated so.  Each recording is asked after which other it fits; that is believed
 only if some of them began relaxed, from which all others follow, and if little is left of what
-was wrong, much less than where all that was measured is off by one factor.  Where none began relaxed it is the effect ``initial_polarisation``.
+was wrong, much less than where all that was measured is off by one factor.  Where none began
+relaxed it is the effect ``initial_polarisation``.
 """
 
 from __future__ import annotations
