@@ -97,3 +97,10 @@ def test_what_a_spring_takes_from_every_stroke_is_not_left_by_another_recording(
                 programmes.steps(rate=1e3), humps('multisine', 26.0), humps('force', 44.0))))
     followed, findings = in_succession(given, DEVICE, simulate_set(DEVICE, given))
     assert not findings and not any(each.before for each in followed)
+
+
+def test_a_sensor_that_reads_too_much_does_not_hide_what_another_recording_left():
+    unit = DEVICE.with_effects({'sensor_gain': {'gain_error': 0.05}})
+    given = recorded(unit, (humps('first', 40.0, 20.0), humps('second', 100.0)))
+    followed, _ = in_succession(given, DEVICE, simulate_set(DEVICE, given))
+    assert [bool(each.before) for each in followed] == [False, True]

@@ -7,8 +7,9 @@ The hysteresis remembers the largest swings of what went before (Eq. 16), so tha
 may begin where another has left the device, its sensors zeroed there.  That is no effect of the
 device: it is simulated so.  Each recording is asked after which other it fits; that is believed
 only if some of them began relaxed, from which all others follow, and if little is left of what
-was wrong, much less than where all that was measured is off by one factor.  Where none began
-relaxed it is the effect ``initial_polarisation``.
+was wrong, much less than if they all began relaxed, a factor for each channel aside: what a
+spring or a sensor takes from every stroke looks like that.  Where none began relaxed it is the
+effect ``initial_polarisation``.
 """
 
 from __future__ import annotations
@@ -73,9 +74,9 @@ def in_succession(recordings: Sequence[Recording], device: Device,
         return same  # all of them alike, or some in a circle: none of these began relaxed
     past = _through_others(recordings, device, swings, leader, past)
     followed = tuple(each.replace(before=past[i]) for i, each in enumerate(recordings))
-    left = sum(map(_error, followed, parallel(
-        lambda each: simulate_channels(device, each), followed)))
-    if left > FOLLOWS * _left_by_a_factor(recordings, simulated):
+    answers = parallel(lambda each: simulate_channels(device, each), followed)
+    if (_left_by_a_factor(followed, answers)
+            > FOLLOWS * _left_by_a_factor(recordings, simulated)):
         return same  # a unit, or a load, of which all that it does is less or more
     findings = [found(recordings[i], None, NOTE, 'begins with what '
                       f'{recordings[j].name} left in the device',
@@ -157,7 +158,7 @@ def _left_by_a_factor(recordings: Sequence[Recording],
     """Return the sum of the errors if each channel, in all recordings, is off by one factor."""
     moves = [_moves(*pair) for pair in zip(recordings, simulated)]
     total = 0.0
-    for channel in {channel for each in moves for channel in each}:
+    for channel in sorted({channel for each in moves for channel in each}):
         pairs = [(*each[channel], len(each)) for each in moves if channel in each]
         factor = (sum(float(np.mean(measured * answer)) / n for measured, answer, n in pairs)
                   / max(sum(float(np.mean(answer ** 2)) / n for _, answer, n in pairs), 1e-300))
