@@ -14,6 +14,7 @@ from piezo_stack_sim.challenge.foreign import FOREIGN
 from piezo_stack_sim.challenge.guide import AT_FIRST, guide_of, kept, rub
 from piezo_stack_sim.challenge.hidden import BLOCKS, Context
 from piezo_stack_sim.challenge.known import KNOWN
+from piezo_stack_sim.challenge.memory import RESOLUTION
 from piezo_stack_sim.challenge.structure import sway
 from piezo_stack_sim.challenge.unforeseen import UNFORESEEN
 import pytest
@@ -60,6 +61,17 @@ def test_a_smaller_step_changes_nothing_that_a_sensor_could_see(recordings, plai
     for programme, channels in zip(recordings, plain):
         finer = respond(Unit(), programme, step=0.5 * STEP)
         assert np.abs(finer['displacement'] - channels['displacement']).max() < 1e-9
+
+
+@pytest.mark.parametrize('key', ['creep', 'mount_creep'])
+def test_what_happened_is_kept_as_finely_as_a_sensor_could_see(key, recordings):
+    """Kept more finely it leaves the same, however often it went to and fro."""
+    effect = EFFECTS[key]
+    unit = effect.apply(Unit(), **effect.draw(np.random.default_rng(5), Context(90.0, 1.24e-5)))
+    programme = next(p for p in recordings if p.name == 'decay')
+    once = respond(unit, programme)['displacement']
+    finer = respond(unit, programme, resolution=0.25 * RESOLUTION)['displacement']
+    assert np.abs(finer - once).max() < 1e-10
 
 
 def test_every_effect_of_the_design_is_hidden_in_some_form():

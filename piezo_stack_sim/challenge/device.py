@@ -9,6 +9,7 @@ import numpy as np
 from piezo_stack_sim.challenge.drive import Drive, output, segments
 from piezo_stack_sim.challenge.guide import AT_FIRST
 from piezo_stack_sim.challenge.integrator import LAGGED, RING, run, STATES, TERMINAL
+from piezo_stack_sim.challenge.memory import RESOLUTION
 from piezo_stack_sim.challenge.sensing import measure, Sensing
 from piezo_stack_sim.challenge.stack import Stack
 
@@ -71,7 +72,8 @@ def rest(unit):
 
         def lead(voltages):
             times = SLOW * np.arange(voltages.size + 1)
-            run(still, state, times, voltages, np.zeros(voltages.size), STEP, SLOW, 1.0, True)
+            run(still, state, times, voltages, np.zeros(voltages.size), STEP, SLOW, 1.0, True,
+                RESOLUTION)
 
         lead(path)
         if unit.faded:
@@ -82,7 +84,7 @@ def rest(unit):
     return state
 
 
-def respond(unit, programme, index=0, step=STEP):
+def respond(unit, programme, index=0, step=STEP, resolution=RESOLUTION):
     """
     Return the noise-free channels (dict of (n,) arrays, SI) of a device under a programme.
 
@@ -92,7 +94,8 @@ def respond(unit, programme, index=0, step=STEP):
     state = rest(unit)
     edges, sources, forces = segments(unit.drive, programme.time, programme.command,
                                       programme.force)
-    trace = run(unit.stack, state, edges, sources, forces, step, COARSE, KEEP, False)
+    trace = run(unit.stack, state, edges, sources, forces, step, COARSE, KEEP, False,
+                resolution)
     channels = measure(unit.sensing, trace, programme.time, index)
     for name in ('displacement', 'charge'):
         channels[name] = channels[name] - channels[name][0]

@@ -13,7 +13,7 @@ import numpy as np
 
 from piezo_stack_sim.challenge.guide import MEMBERS, rub
 from piezo_stack_sim.challenge.memory import (
-    CAPACITY, forget, logarithmic_growth, power_law_decay, remember,
+    CAPACITY, logarithmic_growth, power_law_decay, remember,
 )
 from piezo_stack_sim.challenge.physics import (
     charge_step, equilibrium, mechanical_force, output_drop, slip,
@@ -112,7 +112,7 @@ def save(out, row, now, state, force):
 
 
 @njit(cache=True)
-def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
+def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolution):
     """
     Integrate over segments of constant source voltage and force.
 
@@ -130,6 +130,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
         Small step, step during holds, and spacing of what is returned, in s.
     hold_only : bool
         Take coarse steps only: quasi-static.
+    resolution : float
+        How finely slow memories keep what happened: as a fraction of its age.
 
     Returns
     -------
@@ -142,13 +144,15 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
     out = np.empty((5, 8192))
     save(out, 0, starts[0], state, 0.0)
     rows = 1
-    creep_time, creep_amount = np.empty(CAPACITY), np.empty(CAPACITY)
-    mount_time, mount_amount = np.empty(CAPACITY), np.empty(CAPACITY)
+    creep_ends, creep_means = np.empty(CAPACITY), np.empty(CAPACITY)
+    mount_ends, mount_means = np.empty(CAPACITY), np.empty(CAPACITY)
     creep_count = mount_count = 0
     creep_rate = relaxation_rate = relaxed = crept = 0.0
-    fast_before, x_before = state[Q], state[X]
-    memory_due = starts[0]
-    creeping, relaxing = p.creep_per_decade != 0.0, p.mount_exponent > 0.0
+    q_begun, x_begun, begun = state[Q], state[X], starts[0]
+    q_sum = x_sum = 0.0
+    memory_from = memory_due = begun
+    creeping = p.creep_per_decade != 0.0
+    relaxing = p.mount_stiffness > 0.0 and p.mount_exponent > 0.0
     warming = p.rate_gain != 0.0 or p.heating_gain != 0.0
     viscosity = p.b + p.body_damping
     limited = p.current_limit < np.inf
@@ -168,30 +172,26 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
             remaining = end - now
             h = remaining / np.ceil(remaining / (coarse if calm else step) - 1e-6)
 
-            # Slow memories move on straight lines between their updates.
-            if now >= memory_due - 1e-12:
+            # Slow memories move on straight lines between their updates, to where they would
+            # be if nothing moved until then.
+            if (creeping or relaxing) and now + h > memory_due + 1e-12:
                 interval = max(h, MEMORY_INTERVAL)
+                memory_due, lasted = now + interval, now - memory_from
                 if creeping:
-                    fast = state[Q] - crept
-                    creep_count = remember(creep_time, creep_amount, creep_count, now,
-                                           fast - fast_before, p.creep_onset)
-                    if creep_count % 64 == 0:
-                        creep_count = forget(creep_time, creep_amount, creep_count, now,
-                                             p.creep_onset)
-                    creep_rate = p.creep_per_decade / interval * logarithmic_growth(
-                        creep_time, creep_amount, creep_count, now, interval, p.creep_onset)
-                    fast_before = fast
+                    if lasted > 0.0:
+                        creep_count = remember(creep_ends, creep_means, creep_count, begun, now,
+                                               q_sum / lasted, p.creep_onset, resolution)
+                    creep_rate = (p.creep_per_decade * logarithmic_growth(
+                        creep_ends, creep_means, creep_count, begun, state[Q] - q_begun - crept,
+                        memory_due, p.creep_onset) - crept) / interval
                 if relaxing:
-                    mount_count = remember(mount_time, mount_amount, mount_count, now,
-                                           state[X] - x_before, p.mount_onset)
-                    if mount_count % 64 == 0:
-                        mount_count = forget(mount_time, mount_amount, mount_count, now,
-                                             p.mount_onset)
-                    relaxation_rate = p.mount_stiffness / interval * power_law_decay(
-                        mount_time, mount_amount, mount_count, now, interval,
-                        p.mount_onset, p.mount_exponent)
-                    x_before = state[X]
-                memory_due = now + interval
+                    if lasted > 0.0:
+                        mount_count = remember(mount_ends, mount_means, mount_count, begun, now,
+                                               x_sum / lasted, p.mount_onset, resolution)
+                    relaxation_rate = (p.mount_stiffness * power_law_decay(
+                        mount_ends, mount_means, mount_count, begun, state[X] - x_begun,
+                        memory_due, p.mount_onset, p.mount_exponent) - relaxed) / interval
+                memory_from, q_sum, x_sum = now, 0.0, 0.0
 
             heat = p.heating_gain * state[HEAT]
             rate_scale = 1.0
@@ -242,6 +242,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only):
                          / (1.0 + 0.5 * h * viscosity / p.m))
                 acceleration = (pull - viscosity * speed) / p.m
             slip(p, z, dq, slow, rate_scale)
+            q_sum += h * (state[Q] + 0.5 * dq - q_begun - crept + 0.5 * creep_rate * h)
+            x_sum += h * (x + 0.5 * dx - x_begun)
             state[Q] += dq
             state[X], state[SPEED] = x + dx, speed
             state[TERMINAL] = state[RING] - (

@@ -4,69 +4,90 @@
 Fading memory: a slow response that is a convolution over everything that happened.
 
 The library of the diagnosis adds up a few exponential relaxations. Here the past itself is kept,
-as a list of increments with their times, and weighed by a kernel that is no sum of exponentials:
-the logarithm of elapsed time (ferroelectric creep) or a power law (polymers). Increments that lie
-close together compared with their age are merged, which keeps the list short.
+cut into pieces with the mean of each, and weighed by a kernel that is no sum of exponentials:
+the logarithm of elapsed time (ferroelectric creep) or a power law (polymers). Pieces that are
+short compared with their age are joined, which keeps the list short.
+
+What is kept are values and not their changes: changes of opposite signs have no centre of gravity,
+so that joining those of an oscillation would leave a rest at a wrong age.
 
 """
 
 from numba import njit
 import numpy as np
 
-#: Increments closer than this fraction of their age count as one.
-RESOLUTION = 0.08
+#: Pieces that together are shorter than this fraction of their age become one.
+RESOLUTION = 0.04
 CAPACITY = 1200
+#: They are joined whenever so many have been added.
+NEW = 64
 
 
 @njit(cache=True)
-def forget(times, amounts, count, now, onset):
-    """Merge neighbouring increments that the kernel can no longer tell apart; return the count."""
+def join(ends, means, count, begun, now, onset, resolution):
+    """Join neighbouring pieces that the kernel can hardly tell apart; return the count."""
     kept = 0
+    start = begun
     for i in range(1, count):
-        age = now - times[i] + onset
-        if times[i] - times[kept] < RESOLUTION * age:
-            total = amounts[kept] + amounts[i]
-            # Weighing by size keeps the centre of gravity; opposite signs have none.
-            weight = abs(amounts[kept]) + abs(amounts[i])
-            if weight > 0.0:
-                times[kept] += (times[i] - times[kept]) * abs(amounts[i]) / weight
-            amounts[kept] = total
+        if ends[i] - start < resolution * (now - ends[i] + onset):
+            share = (ends[i] - ends[kept]) / (ends[i] - start)
+            means[kept] += share * (means[i] - means[kept])
         else:
+            start = ends[kept]
             kept += 1
-            times[kept] = times[i]
-            amounts[kept] = amounts[i]
-    return kept + 1 if count else 0
+            means[kept] = means[i]
+        ends[kept] = ends[i]
+    return kept + 1
 
 
 @njit(cache=True)
-def remember(times, amounts, count, now, amount, onset):
-    """Append one increment, making room first when the list is full; return the count."""
-    if count >= CAPACITY - 1:
-        count = forget(times, amounts, count, now, onset)
-        if count >= CAPACITY - 1:
-            # Hundreds of decades of time would be needed to come here; drop nothing silently.
-            amounts[count - 1] += amount
-            return count
-    times[count] = now
-    amounts[count] = amount
-    return count + 1
+def remember(ends, means, count, begun, now, mean, onset, resolution):
+    """Append the piece that ends now, joining others every so often; return the count."""
+    ends[count] = now
+    means[count] = mean
+    count += 1
+    if count % NEW == 0:
+        count = join(ends, means, count, begun, now, onset, resolution)
+    while count == CAPACITY:
+        # Only a very small resolution comes here.
+        resolution *= 2.0
+        count = join(ends, means, count, begun, now, onset, resolution)
+    return count
 
 
 @njit(cache=True)
-def logarithmic_growth(times, amounts, count, now, ahead, onset):
-    """Return how much a sum of increments times log10(1 + age/onset) grows until now + ahead."""
-    total = 0.0
+def logarithmic_growth(ends, means, count, begun, latest, then, onset):
+    """
+    Return what follows the past with log10(1 + age/onset) of each change.
+
+    Parameters
+    ----------
+    ends, means : (CAPACITY,) array
+        The pieces of the past: time at the end of each (s), and mean in it, from rest.
+    count : int
+        Number of pieces.
+    begun, then : float
+        Time at the start of the first, and the one asked for, in s.
+    latest : float
+        From the last piece to then.
+    onset : float
+        In s.
+
+    """
+    total, before = 0.0, np.log(1.0 + (then - begun) / onset)
     for i in range(count):
-        age = now - times[i] + onset
-        total += amounts[i] * np.log(1.0 + ahead / age)
-    return total / np.log(10.0)
+        since = np.log(1.0 + (then - ends[i]) / onset)
+        total += means[i] * (before - since)
+        before = since
+    return (total + latest * before) / np.log(10.0)
 
 
 @njit(cache=True)
-def power_law_decay(times, amounts, count, now, ahead, onset, exponent):
-    """Return how much a sum of increments times (1 + age/onset)**-exponent falls meanwhile."""
-    total = 0.0
+def power_law_decay(ends, means, count, begun, latest, then, onset, exponent):
+    """Return what follows it with 1 - (1 + age/onset)**-exponent; arguments as above."""
+    total, before = 0.0, (1.0 + (then - begun) / onset) ** -exponent
     for i in range(count):
-        age = 1.0 + (now - times[i]) / onset
-        total += amounts[i] * (age ** -exponent - (age + ahead / onset) ** -exponent)
-    return total
+        since = (1.0 + (then - ends[i]) / onset) ** -exponent
+        total += means[i] * (since - before)
+        before = since
+    return total + latest * (1.0 - before)
