@@ -103,6 +103,39 @@ def test_a_limit_counts_that_a_loud_resistance_hides(device, limit, idle):
     assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
 
 
+@pytest.mark.parametrize('bow, idle', [(7.6e-4, False), (2e-3, True)])
+def test_a_limit_counts_that_takes_most_of_what_its_resistance_leaves(device, bow, idle):
+    # Its fall is next to nothing of what the resistance explains, and something else is left.
+    limit = {'limit': 0.06, 'output_resistance': 16.0, 'rise': 1.0}
+    fitter = fitter_of(device, device.with_effects({
+        'amplifier_current_limit': limit, 'sensor_nonlinearity': {'quadratic': bow}}), (
+        programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine()),
+        np.random.default_rng(7))
+    fit = fitter.fit({'amplifier_current_limit': limit}, steps=12)
+    held = {'amplifier_current_limit': {**fit.effects['amplifier_current_limit'], 'limit': 100.0}}
+    noise, without = fitter.rows.size, fitter.fit(held, fit.phi, steps=0).cost
+    assert fit.cost > 1.05 * noise
+    assert without - fit.cost < 0.01 * (fitter.fit({}, fit.phi, steps=0).cost - fit.cost)
+    assert (without - fit.cost > 0.5 * (without - noise)) == (not idle)
+    assert is_idle(fitter, fit, 'amplifier_current_limit') == idle
+
+
+def test_a_driver_with_a_lag_and_a_limit_has_one_resistance(device):
+    limit, slow = 'amplifier_current_limit', 'amplifier_bandwidth'
+    true = {limit: {'limit': 0.05, 'output_resistance': 16.0}, slow: {'time_constant': 2e-5}}
+    fitter = fitter_of(device, device.with_effects(true), (
+        programmes.triangle(peaks=(30.0, 90.0), cycles=1), programmes.multisine()),
+        np.random.default_rng(7))
+    fit = fitter.fit({slow: {'time_constant': 1e-5, 'output_resistance': 12.0},
+                      limit: {'limit': 0.07, 'output_resistance': 1.0}}, steps=12)
+    assert fit.cost < 1.02 * fitter.rows.size
+    assert fit.effects[slow]['output_resistance'] == 0.0
+    assert [free.effect for free in fit.free
+            if free.parameter.name == 'output_resistance'] == [limit]
+    assert fit.effects[limit]['output_resistance'] == pytest.approx(16.0, rel=0.03)
+    assert fit.effects[slow]['time_constant'] == pytest.approx(2e-5, rel=0.1)
+
+
 @pytest.mark.parametrize('gap, idle', [(5e-6, False), (1e-8, True)])
 def test_a_stop_without_a_gap_is_a_spring(device, gap, idle):
     unit = device.with_effects({'contact': {'gap': gap, 'stiffness': 5e6}})

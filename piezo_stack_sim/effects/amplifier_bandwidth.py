@@ -37,4 +37,5 @@ EFFECT = Effect(
     ),
     apply, channels=('voltage', 'charge', 'displacement'),
     # The resistance of an output stage changes with its current, and so bends its line.
-    form_like=('amplifier_current_limit', 'amplifier_gain'))
+    form_like=('amplifier_current_limit', 'amplifier_gain'),
+    told_by={'amplifier_current_limit': ('output_resistance',)})

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from piezo_stack_sim.errors import InputError
 
@@ -63,9 +63,11 @@ class Effect:
     ``becomes`` names the effect that it is where its strength is at its other end:
     a stop without a gap is a spring.  ``before_its_time`` names its time constant and the effect
     that it cannot be told from before that has passed.  ``form_like`` names effects that
-    resemble what its form leaves out.  Of an effect that follows the displacement and never
-    acts on it ``answer(**values)``, of what is not late, returns the transfer function, numerator
-    and denominator in falling powers of s, from the displacement to what it adds to the reading.
+    resemble what its form leaves out.  ``told_by`` names, by another effect, what that tells in
+    its place where both are: a driver has one resistance.  Of an effect that follows the
+    displacement and never acts on it ``answer(**values)``, of what is not late, returns the
+    transfer function, numerator and denominator in falling powers of s, from the displacement to
+    what it adds to the reading.
     """
 
     id: str  # noqa: A003
@@ -80,6 +82,7 @@ class Effect:
     becomes: str = ''
     before_its_time: tuple[str, str] | None = None
     form_like: tuple[str, ...] = ()
+    told_by: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     answer: Callable | None = None
 
     def values(self, given: Mapping[str, float]) -> dict[str, float]:

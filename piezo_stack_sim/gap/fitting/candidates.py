@@ -42,6 +42,7 @@ POLISHED, POLISHING = 3, 8  # effects that are fitted to the end, with so many s
 TUNING = 6  # Gauss-Newton steps of the nominal parameters alone
 ROUNDS, HELPS = 4, 2e-3  # of leading them past side valleys, and part of the cost worth one
 IDLE = 0.01  # part of what an effect explains that its strength must, not what shapes it
+DECISIVE = 0.5  # or else part of what is left over the noise without its strength
 FELT = 0.02  # or else part of the noise, where nothing but noise is left
 SETTLED = 1.2  # mean square of a residual below which there is nothing more to fit
 ARRIVED = 1.05  # and below which no side valley of the parameters is left to come out of
@@ -284,15 +285,23 @@ def is_idle(fitter: Fitter, fit: Fit, name: str) -> bool:
     others = {other: values for other, values in fit.effects.items() if other != name}
     without = fitter.cost(fitter.residual_of(others, fit.phi, fit), fit.phi)
 
-    def fall(end):
+    def at(end):
         there = {**fit.effects, name: {**fit.effects[name], **end}}
-        return fitter.cost(fitter.residual_of(there, fit.phi, fit), fit.phi) - fit.cost
+        return fitter.residual_of(there, fit.phi, fit)
 
+    weak = min(map(at, ends), key=lambda residual: fitter.cost(residual, fit.phi))
+    fall = fitter.cost(weak, fit.phi) - fit.cost
+    left, noise = float(np.sum(fit.residual[fitter.rows] ** 2)), fitter.rows.size
     least = IDLE * (without - fit.cost)
-    if np.mean(fit.residual[fitter.rows] ** 2) < ARRIVED:
+    if left < ARRIVED * noise:
         # An error of form is no part of what is left, so that less will do.
-        least = min(least, FELT * fitter.rows.size)
-    return min(map(fall, ends)) < max(WORTH, least)
+        least = min(least, FELT * noise)
+    elif not effect.becomes:
+        # What shapes it may do a hundred times as much, and yet leave most of what is left.
+        weaker = float(np.sum(weak[fitter.rows] ** 2))
+        if weaker - left > DECISIVE * (weaker - noise):
+            least = 0.0
+    return fall < max(WORTH, least)
 
 
 def tune(fitter: Fitter) -> Fit:

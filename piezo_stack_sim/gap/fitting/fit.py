@@ -108,6 +108,32 @@ def free_parameters(effect: str, start: dict[str, float]) -> list[Free]:
     return free
 
 
+def _told(name: str, effects: Collection[str]) -> dict[str, str]:
+    """Return what another of some effects tells in the place of one, with that other."""
+    return {parameter: other for other, parameters in EFFECTS[name].told_by.items()
+            if other in effects for parameter in parameters}
+
+
+def told_once(effects: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    """
+    Return effects of which none tells what another does.
+
+    Both numbers together are walked by one: on its own, each would be led by the other.
+    """
+    effects = {name: dict(values) for name, values in effects.items()}
+    for name in effects:
+        told = _told(name, effects)
+        parameters = {p.name: p for p in EFFECTS[name].parameters}
+        for key, other in told.items():
+            here = effects[name].get(key, parameters[key].start)
+            if here != parameters[key].neutral:
+                theirs = next(p for p in EFFECTS[other].parameters if p.name == key)
+                most = max(here, effects[other].get(key, theirs.start))
+                effects[other][key] = min(max(most, theirs.lower), theirs.upper)
+            effects[name][key] = parameters[key].neutral
+    return effects
+
+
 class View(NamedTuple):
     """
     What a linear look at a fit needs.
@@ -426,8 +452,10 @@ class Fitter:
         tone = None
         if TONE in effects:
             tone = Tone(self.evidence, effects[TONE].get('frequency', 0.0))
+        effects = told_once(effects)
         free = [f for name, values in effects.items() if name != TONE and name not in kept
-                for f in free_parameters(name, values)]
+                for f in free_parameters(name, values)
+                if f.parameter.name not in _told(name, effects)]
         effects = {name: EFFECTS[name].values(values) for name, values in effects.items()}
         lower = np.array([f.limits[0] for f in free])
         upper = np.array([f.limits[1] for f in free])
