@@ -49,6 +49,12 @@ def named(diagnosis):
     return set(diagnosis['selected']) | set(diagnosis['ambiguity_set'])
 
 
+@pytest.mark.parametrize('secret', laboratory.SECRETS)
+def test_every_secret_of_the_laboratory_changes_the_stage(secret):
+    # Units hold arrays, which do not compare as a whole.
+    assert repr(laboratory.stage(secret)) != repr(laboratory.stage(''))
+
+
 @pytest.mark.slow
 def test_a_lag_of_the_measurement_is_no_rate_dependent_hysteresis(answer):
     """Beside it there is the drift of the stage's sensor, which one of the place does as well."""
