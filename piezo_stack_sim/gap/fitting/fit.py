@@ -114,23 +114,21 @@ def _told(name: str, effects: Collection[str]) -> dict[str, str]:
             if other in effects for parameter in parameters}
 
 
-def told_once(effects: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+def _told_once(effects: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
     """
     Return effects of which none tells what another does.
 
     Both numbers together are walked by one: on its own, each would be led by the other.
     """
     effects = {name: dict(values) for name, values in effects.items()}
-    for name in effects:
-        told = _told(name, effects)
-        parameters = {p.name: p for p in EFFECTS[name].parameters}
-        for key, other in told.items():
-            here = effects[name].get(key, parameters[key].start)
-            if here != parameters[key].neutral:
-                theirs = next(p for p in EFFECTS[other].parameters if p.name == key)
-                most = max(here, effects[other].get(key, theirs.start))
-                effects[other][key] = min(max(most, theirs.lower), theirs.upper)
-            effects[name][key] = parameters[key].neutral
+    for name, values in effects.items():
+        for key, other in _told(name, effects).items():
+            ours, theirs = (next(p for p in EFFECTS[each].parameters if p.name == key)
+                            for each in (name, other))
+            # The larger counts where both are, as in the plant.
+            most = max(values.get(key, ours.start), effects[other].get(key, theirs.start))
+            effects[other][key] = min(max(most, theirs.lower), theirs.upper)
+            values[key] = ours.neutral
     return effects
 
 
@@ -452,7 +450,7 @@ class Fitter:
         tone = None
         if TONE in effects:
             tone = Tone(self.evidence, effects[TONE].get('frequency', 0.0))
-        effects = told_once(effects)
+        effects = _told_once(effects)
         free = [f for name, values in effects.items() if name != TONE and name not in kept
                 for f in free_parameters(name, values)
                 if f.parameter.name not in _told(name, effects)]
