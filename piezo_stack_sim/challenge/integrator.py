@@ -36,6 +36,8 @@ SETTLING_WITH_BODY = 3e-3
 DRIFT = 2e-3
 #: Interval at which slow memories are brought up to date (s).
 MEMORY_INTERVAL = 2e-5
+#: Share of the piezoelectric stiffness T^2/C that is left where the stiff elements stick.
+STUCK = 0.8
 
 
 @njit(cache=True)
@@ -155,6 +157,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
     relaxing = p.mount_stiffness > 0.0 and p.mount_exponent > 0.0
     warming = p.rate_gain != 0.0 or p.heating_gain != 0.0
     viscosity = p.b + p.body_damping
+    stiff = STUCK * p.T * p.T / p.C + p.k
     limited = p.current_limit < np.inf
     calm = hold_only
     still = unsaved = acceleration = 0.0
@@ -210,7 +213,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                     state[Q] += dq
                 pull = (mechanical_force(p, state[Q], x, rubbing, relaxed, heat, force)
                         + pull_of_body(p, state, x))
-                acceleration = (pull - viscosity * state[SPEED]) / p.m
+                inertia = p.m + stiff * h * h / 12.0
+                acceleration = (pull - viscosity * state[SPEED]) / inertia
             fresh = False
             if not calm:
                 amplify(p, state, source, h)
@@ -238,9 +242,11 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                     move_body(p, state, h)
                 pull = (mechanical_force(p, state[Q] + dq, x + dx, rubbing, relaxed, heat, force)
                         + pull_of_body(p, state, x + dx))
-                speed = ((state[SPEED] + 0.5 * h * (acceleration + pull / p.m))
-                         / (1.0 + 0.5 * h * viscosity / p.m))
-                acceleration = (pull - viscosity * speed) / p.m
+                # Verlet shortens the period; so much more mass gives it back (Fox and Goodwin).
+                inertia = p.m + stiff * h * h / 12.0
+                speed = ((state[SPEED] + 0.5 * h * (acceleration + pull / inertia))
+                         / (1.0 + 0.5 * h * viscosity / inertia))
+                acceleration = (pull - viscosity * speed) / inertia
             slip(p, z, dq, slow, rate_scale)
             q_sum += h * (state[Q] + 0.5 * dq - q_begun - crept + 0.5 * creep_rate * h)
             x_sum += h * (x + 0.5 * dx - x_begun)
