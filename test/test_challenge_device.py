@@ -63,6 +63,19 @@ def test_a_smaller_step_changes_nothing_that_a_sensor_could_see(recordings, plai
         assert np.abs(finer['displacement'] - channels['displacement']).max() < 4e-10
 
 
+@pytest.mark.parametrize('key, parameters', [
+    ('amplifier_ringing', {'frequency': 3e3, 'damping': 0.03}),
+    ('amplifier_ringing', {'frequency': 1.2e4, 'damping': 0.1}),
+])
+def test_a_smaller_step_changes_nothing_in_what_is_hidden(key, parameters, recordings):
+    """Nor is it too large for what the device itself does not have."""
+    unit = EFFECTS[key].apply(Unit(), **parameters)
+    programme = next(p for p in recordings if p.name == 'multisine')
+    once, finer = respond(unit, programme), respond(unit, programme, step=0.25 * STEP)
+    assert np.abs(finer['displacement'] - once['displacement']).max() < 1e-9
+    assert np.abs(finer['voltage'] - once['voltage']).max() < 1e-6
+
+
 @pytest.mark.parametrize('key', ['creep', 'mount_creep'])
 def test_what_happened_is_kept_as_finely_as_a_sensor_could_see(key, recordings):
     """Kept more finely it leaves the same, however often it went to and fro."""

@@ -43,13 +43,20 @@ STUCK = 0.8
 @njit(cache=True)
 def amplify(p, state, source, h):
     """Advance the amplifier's own dynamics: a lag, then an output filter that may ring."""
-    state[LAGGED] = source + (state[LAGGED] - source) * (
+    before = state[LAGGED]
+    state[LAGGED] = source + (before - source) * (
         np.exp(-h / p.amplifier_lag) if p.amplifier_lag > 0.0 else 0.0)
     if p.ringing_frequency > 0.0:
+        # Exactly, for an input that keeps its mean: without a lag it is constant.
         omega = 2.0 * np.pi * p.ringing_frequency
-        state[RING_RATE] += h * (omega ** 2 * (state[LAGGED] - state[RING])
-                                 - 2.0 * p.ringing_damping * omega * state[RING_RATE])
-        state[RING] += h * state[RING_RATE]
+        goal = 0.5 * (before + state[LAGGED]) if h > 0.0 else state[LAGGED]
+        off, rate = state[RING] - goal, state[RING_RATE]
+        loss = p.ringing_damping * omega
+        swing = omega * np.sqrt(1.0 - p.ringing_damping ** 2)
+        part, cosine = np.exp(-loss * h) * np.sin(swing * h) / swing, np.cos(swing * h)
+        cosine *= np.exp(-loss * h)
+        state[RING] = goal + off * cosine + (rate + loss * off) * part
+        state[RING_RATE] = rate * cosine - (loss * rate + omega * omega * off) * part
     else:
         state[RING] = state[LAGGED]
 
