@@ -76,6 +76,23 @@ def test_a_smaller_step_changes_nothing_in_what_is_hidden(key, parameters, recor
     assert np.abs(finer['voltage'] - once['voltage']).max() < 1e-6
 
 
+@pytest.mark.parametrize('key, parameters', [
+    ('crossover', {'voltage': 1.0, 'current': 1e-3}),
+    ('crossover', {'voltage': 0.05, 'current': 1e-4}),
+    ('amplifier_ringing', {'frequency': 3e3, 'damping': 0.03}),
+    ('rate_dependent_hysteresis', {'growth': 0.1, 'reference': 6e-3}),
+])
+def test_rows_in_which_nothing_changes_change_nothing(key, parameters, recordings):
+    """A command said again while it holds is the same command."""
+    unit = EFFECTS[key].apply(Unit(), **parameters)
+    triangle = next(p for p in recordings if p.name == 'triangle')
+    t = np.arange(4 * triangle.time.size) * 0.25 * triangle.time[1]
+    again = Programme('again', t, np.repeat(triangle.command, 4), 0.0 * t)
+    once, more = respond(unit, triangle), respond(unit, again)
+    for channel, seen in (('displacement', 1e-9), ('charge', 1e-8)):
+        assert np.abs(more[channel][::4] - once[channel]).max() < seen
+
+
 @pytest.mark.parametrize('key', ['creep', 'mount_creep'])
 def test_what_happened_is_kept_as_finely_as_a_sensor_could_see(key, recordings):
     """Kept more finely it leaves the same, however often it went to and fro."""

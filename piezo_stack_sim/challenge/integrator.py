@@ -16,7 +16,7 @@ from piezo_stack_sim.challenge.memory import (
     CAPACITY, logarithmic_growth, power_law_decay, remember,
 )
 from piezo_stack_sim.challenge.physics import (
-    charge_step, equilibrium, mechanical_force, output_drop, slip,
+    charge_step, equilibrium, mechanical_force, mesh_voltage, output_drop, slip,
 )
 from piezo_stack_sim.challenge.stage import begin, finish, KEPT, lost
 
@@ -108,6 +108,18 @@ def at_rest(state, source):
     """Tell whether nothing moves any more that the small steps are for."""
     return (abs(state[RING] - source) < 1e-5 and abs(state[SPEED]) < AT_REST
             and abs(state[BODY_SPEED]) < AT_REST)
+
+
+@njit(cache=True)
+def jump(p, z, stage, q, x, heat, rate_scale, source):
+    """Return the charge that flows at once when the source has jumped."""
+    if p.crossover_voltage > 0.0:
+        # However large the current, the output keeps back so much, and less if that suffices.
+        off = source - mesh_voltage(p, z, q, 0.0, 0.0, x, 0.0, heat, rate_scale)[0]
+        if abs(off) <= p.crossover_voltage:
+            return 0.0
+        source -= p.crossover_voltage if off > 0.0 else -p.crossover_voltage
+    return charge_step(p, z, stage, q, 0.0, x, 0.0, heat, rate_scale, source)
 
 
 @njit(cache=True)
@@ -214,8 +226,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                 # The source has just jumped: without resistance the charge jumps with it.
                 amplify(p, state, source, 0.0)
                 if p.output_resistance == 0.0:
-                    dq = charge_step(p, z, stage, state[Q], 0.0, x, 0.0, heat, rate_scale,
-                                     state[RING])
+                    dq = jump(p, z, stage, state[Q], x, heat, rate_scale, state[RING])
                     slip(p, z, dq, 0.0, rate_scale)
                     state[Q] += dq
                 pull = (mechanical_force(p, state[Q], x, rubbing, relaxed, heat, force)
