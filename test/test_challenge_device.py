@@ -93,6 +93,23 @@ def test_rows_in_which_nothing_changes_change_nothing(key, parameters, recording
         assert np.abs(more[channel][::4] - once[channel]).max() < seen
 
 
+@pytest.mark.parametrize('key, parameters', [
+    ('rate_dependent_hysteresis', {'growth': 0.06, 'reference': 6e-3}),
+    ('self_heating', {'growth': 5e-3, 'current': 2e-3, 'time_constant': 0.05}),
+    ('crossover', {'voltage': 1.0, 'current': 1e-3}),
+])
+def test_a_jump_is_a_very_quick_rise(key, parameters):
+    """An output that needs 0.03 us for it leaves the same, followed in steps that see that."""
+    unit = EFFECTS[key].apply(Unit(), **parameters)
+    t = 5e-5 * np.arange(600)
+    command = 30.0 + 25.0 * np.sin(2.0 * np.pi * 100.0 * t) * np.minimum(t / 5e-3, 1.0)
+    programme = Programme('sine', t, command * np.minimum(t / 5e-3, 1.0), 0.0 * t)
+    at_once = respond(unit, programme)
+    quickly = respond(unit.change(stack={'output_resistance': 0.03}), programme, step=5e-8)
+    assert np.abs(quickly['displacement'] - at_once['displacement']).max() < 1e-9
+    assert np.abs(quickly['charge'] - at_once['charge']).max() < 1e-8
+
+
 @pytest.mark.parametrize('key', ['creep', 'mount_creep'])
 def test_what_happened_is_kept_as_finely_as_a_sensor_could_see(key, recordings):
     """Kept more finely it leaves the same, however often it went to and fro."""

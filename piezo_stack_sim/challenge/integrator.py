@@ -36,6 +36,8 @@ SETTLING_WITH_BODY = 3e-3
 DRIFT = 2e-3
 #: Interval at which slow memories are brought up to date (s).
 MEMORY_INTERVAL = 2e-5
+#: So often is a jump of the charge found again with the current that it has brought.
+JUMP_ROUNDS = 3
 #: Share of the piezoelectric stiffness T^2/C that is left where the stiff elements stick.
 STUCK = 0.8
 
@@ -86,9 +88,21 @@ def move_body(p, state, h):
 @njit(cache=True)
 def slow_states(p, state, dq, h):
     """Advance what follows the current slowly: filtered current and the heat it leaves."""
-    state[CURRENT] += (abs(dq) / h - state[CURRENT]) * (1.0 - np.exp(-h / p.rate_memory))
-    power = (state[CURRENT] / p.heating_current) ** 2
+    rate, kept = abs(dq) / h, np.exp(-h / p.rate_memory)
+    more, some = state[CURRENT] - rate, (1.0 - kept) * p.rate_memory / h
+    state[CURRENT] = rate + more * kept
+    # The mean of its square, exactly: what jumped into it is soon gone again.
+    square = rate * rate + more * some * (2.0 * rate + 0.5 * more * (1.0 + kept))
+    power = square / p.heating_current ** 2
     state[HEAT] += (power - state[HEAT]) * (1.0 - np.exp(-h / p.heating_time))
+
+
+@njit(cache=True)
+def stretched(p, current):
+    """Return the factor of the break voltages at a filtered current."""
+    if p.rate_gain == 0.0:
+        return 1.0
+    return 1.0 + p.rate_gain * np.log(1.0 + current / p.rate_reference)
 
 
 @njit(cache=True)
@@ -111,15 +125,26 @@ def at_rest(state, source):
 
 
 @njit(cache=True)
-def jump(p, z, stage, q, x, heat, rate_scale, source):
-    """Return the charge that flows at once when the source has jumped."""
+def jump(p, z, stage, state, x, heat):
+    """Move the charge that flows at once when the source has jumped; return it (C)."""
+    source = state[RING]
+    scale = stretched(p, state[CURRENT])
     if p.crossover_voltage > 0.0:
         # However large the current, the output keeps back so much, and less if that suffices.
-        off = source - mesh_voltage(p, z, q, 0.0, 0.0, x, 0.0, heat, rate_scale)[0]
+        off = source - mesh_voltage(p, z, state[Q], 0.0, 0.0, x, 0.0, heat, scale)[0]
         if abs(off) <= p.crossover_voltage:
             return 0.0
         source -= p.crossover_voltage if off > 0.0 else -p.crossover_voltage
-    return charge_step(p, z, stage, q, 0.0, x, 0.0, heat, rate_scale, source)
+    dq = charge_step(p, z, stage, state[Q], 0.0, x, 0.0, heat, scale, source)
+    if p.rate_gain != 0.0:
+        # What the current has become meanwhile counts, however quick the jump.
+        for _ in range(JUMP_ROUNDS):
+            scale = stretched(p, state[CURRENT] + abs(dq) / p.rate_memory)
+            dq = charge_step(p, z, stage, state[Q], 0.0, x, 0.0, heat, scale, source)
+    slip(p, z, dq, 0.0, scale)
+    state[Q] += dq
+    state[CURRENT] += abs(dq) / p.rate_memory
+    return dq
 
 
 @njit(cache=True)
@@ -179,7 +204,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
     stiff = STUCK * p.T * p.T / p.C + p.k
     limited = p.current_limit < np.inf
     calm = hold_only
-    still = unsaved = acceleration = 0.0
+    still = unsaved = acceleration = last = 0.0
     settling = SETTLING_WITH_BODY if p.body_mass > 0.0 else SETTLING
 
     for j in range(sources.size):
@@ -216,9 +241,6 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                 memory_from, q_sum, x_sum = now, 0.0, 0.0
 
             heat = p.heating_gain * state[HEAT]
-            rate_scale = 1.0
-            if p.rate_gain != 0.0:
-                rate_scale += p.rate_gain * np.log(1.0 + state[CURRENT] / p.rate_reference)
             x = state[X]
             if calm:
                 state[LAGGED], state[RING], state[RING_RATE] = source, source, 0.0
@@ -226,14 +248,17 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                 # The source has just jumped: without resistance the charge jumps with it.
                 amplify(p, state, source, 0.0)
                 if p.output_resistance == 0.0:
-                    dq = jump(p, z, stage, state[Q], x, heat, rate_scale, state[RING])
-                    slip(p, z, dq, 0.0, rate_scale)
-                    state[Q] += dq
+                    jump(p, z, stage, state, x, heat)
                 pull = (mechanical_force(p, state[Q], x, rubbing, relaxed, heat, force)
                         + pull_of_body(p, state, x))
                 inertia = p.m + stiff * h * h / 12.0
                 acceleration = (pull - viscosity * state[SPEED]) / inertia
             fresh = False
+            rate_scale = 1.0
+            if p.rate_gain != 0.0:
+                # At the end of the step, by the current of the last one.
+                rate_scale = stretched(p, last + (state[CURRENT] - last)
+                                       * np.exp(-h / p.rate_memory))
             if not calm:
                 amplify(p, state, source, h)
             slow = creep_rate * h + (relay_charge(p, state, h) if p.relay_charge != 0.0 else 0.0)
@@ -276,6 +301,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                 finish(p, stage, dq / h, state[TERMINAL], h)
             if warming:
                 slow_states(p, state, dq, h)
+                last = abs(dq) / h
 
             now = end if remaining - h < 0.5 * h else now + h
             still = still + h if at_rest(state, source) else 0.0
