@@ -3,6 +3,7 @@
 """Magnitudes, energy and signatures of the effects, against published or recomputed numbers."""
 
 import math
+from types import SimpleNamespace
 
 from effect_probes import (
     device, fundamental, IDEAL, lags, mixed, only, rise_time, sine, triangle)
@@ -701,6 +702,29 @@ def test_a_mount_that_yields_with_a_power_of_time_gives_less_in_each_decade():
     x = simulate(target, DECADES, np.full(DECADES.size, 90.0)).displacement
     early, late = (at(DECADES, x, 10.0 * since) - at(DECADES, x, since) for since in (0.3, 3.0))
     assert late / early == pytest.approx(10.0 ** -0.1, rel=0.03)
+
+
+def test_a_mount_relaxes_by_the_modified_power_law():
+    branches = {}
+
+    class Recorder:
+        reference = SimpleNamespace(stiffness=1e7)
+
+        def add_state(self, name, rates):
+            branches[name] = [1.0 / rates['displacement'], 0.0]
+
+        def add_force(self, gains):
+            name, = gains.keys() - {'displacement'}
+            branches[name][1] = gains[name]
+
+    power, onset, since = 0.12, 2e-3, 0.1
+    EFFECTS['mount_creep'].apply(Recorder(), 0.02, power, onset, since)
+    times, stiffness = np.array(list(branches.values())).T
+    t = np.geomspace(onset / 10.0, 5.0, 40)
+    yielded = stiffness @ np.exp(-np.outer(1.0 / times, t))
+    # Williams 1964: the spectrum tau^-n exp(-onset/tau) adds up to Gamma(n) (onset + t)^-n.
+    whole = 2e5 / math.log(10.0) * math.gamma(power) * ((onset + t) / since) ** -power
+    assert np.diff(yielded) == pytest.approx(np.diff(whole), rel=0.025)
 
 
 # -- environment and sensor ---------------------------------------------------------
