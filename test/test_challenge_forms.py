@@ -71,7 +71,7 @@ CASES = {
                               'second_damping_ratio': 0.05}),
     'contact': ('triangle', {'gap': 7e-6, 'force': 20.0, 'roughness': 2e-7},
                 {'gap': 7e-6, 'stiffness': 2e7, 'exponent': 1.5}),
-    'mount_creep': ('decay steps', {'stiffness': 5e6, 'exponent': 0.15, 'onset': 2e-3,
+    'mount_creep': ('decay steps', {'stiffness': 2e6, 'time': 20.0, 'mix': 0.12, 'way': 4e-6,
                                     'nominal_after': 0.1},
                     {'gain_per_decade': 0.02, 'power': 0.1, 'onset': 0.01,
                      'reference_time': 0.1}),

@@ -10,6 +10,7 @@ from piezo_stack_sim.challenge.drive import Drive, output, segments
 from piezo_stack_sim.challenge.guide import AT_FIRST
 from piezo_stack_sim.challenge.integrator import LAGGED, RING, run, STATES, TERMINAL
 from piezo_stack_sim.challenge.memory import RESOLUTION
+from piezo_stack_sim.challenge.mount import mount_of
 from piezo_stack_sim.challenge.sensing import measure, Sensing
 from piezo_stack_sim.challenge.stack import Stack
 
@@ -51,6 +52,11 @@ class Programme:
     force: np.ndarray
 
 
+def branches(stack):
+    """Return shares and times (s) of the branches of a stack's mount."""
+    return mount_of(stack.mount_first, stack.mount_second)
+
+
 def rest(unit):
     """
     Return the state after the device's history, at rest under a command of zero.
@@ -67,13 +73,13 @@ def rest(unit):
     path = np.array(path)
     if np.any(path != 0.0):
         # Slow, and without memory of time: a history is long past.
-        still = unit.stack._replace(creep_per_decade=0.0, mount_exponent=0.0, rate_gain=0.0,
+        still = unit.stack._replace(creep_per_decade=0.0, mount_stiffness=0.0, rate_gain=0.0,
                                     current_limit=np.inf, heating_gain=0.0)
 
         def lead(voltages):
             times = SLOW * np.arange(voltages.size + 1)
-            run(still, state, times, voltages, np.zeros(voltages.size), STEP, SLOW, 1.0, True,
-                RESOLUTION)
+            run(still, *branches(still), state, times, voltages, np.zeros(voltages.size), STEP,
+                SLOW, 1.0, True, RESOLUTION)
 
         lead(path)
         if unit.faded:
@@ -94,8 +100,8 @@ def respond(unit, programme, index=0, step=STEP, resolution=RESOLUTION):
     state = rest(unit)
     edges, sources, forces = segments(unit.drive, programme.time, programme.command,
                                       programme.force)
-    trace = run(unit.stack, state, edges, sources, forces, step, COARSE, KEEP, False,
-                resolution)
+    trace = run(unit.stack, *branches(unit.stack), state, edges, sources, forces, step, COARSE,
+                KEEP, False, resolution)
     channels = measure(unit.sensing, trace, programme.time, index)
     for name in ('displacement', 'charge'):
         channels[name] = channels[name] - channels[name][0]

@@ -12,9 +12,8 @@ from numba import njit
 import numpy as np
 
 from piezo_stack_sim.challenge.guide import MEMBERS, rub
-from piezo_stack_sim.challenge.memory import (
-    CAPACITY, logarithmic_growth, power_law_decay, remember,
-)
+from piezo_stack_sim.challenge.memory import CAPACITY, logarithmic_growth, remember
+from piezo_stack_sim.challenge.mount import relax, yields_to
 from piezo_stack_sim.challenge.physics import (
     charge_step, equilibrium, mechanical_force, mesh_voltage, output_drop, slip,
 )
@@ -158,7 +157,8 @@ def save(out, row, now, state, force):
 
 
 @njit(cache=True)
-def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolution):
+def run(p, shares, times, state, starts, sources, forces, step, coarse, keep, hold_only,
+        resolution):
     """
     Integrate over segments of constant source voltage and force.
 
@@ -166,6 +166,8 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
     ----------
     p : Stack
         Parameters of the device, in the order of this module.
+    shares, times : (m,) array
+        Branches of the mount: see its module. Not in `p`, which each function gets.
     state : (STATES + n,) array
         Changed in place to the state at the end; see the layout above.
     starts : (s + 1,) array
@@ -191,14 +193,16 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
     save(out, 0, starts[0], state, 0.0)
     rows = 1
     creep_ends, creep_means = np.empty(CAPACITY), np.empty(CAPACITY)
-    mount_ends, mount_means = np.empty(CAPACITY), np.empty(CAPACITY)
-    creep_count = mount_count = 0
-    creep_rate = relaxation_rate = relaxed = crept = 0.0
-    q_begun, x_begun, begun = state[Q], state[X], starts[0]
+    creep_count = 0
+    creep_rate = relaxation_rate = crept = 0.0
+    q_begun, begun = state[Q], starts[0]
+    # What happened before the recording is long past.
+    yielded = np.full(shares.size, state[X])
+    relaxed = p.mount_stiffness * state[X]
     q_sum = x_sum = 0.0
     memory_from = memory_due = begun
     creeping = p.creep_per_decade != 0.0
-    relaxing = p.mount_stiffness > 0.0 and p.mount_exponent > 0.0
+    relaxing = p.mount_stiffness > 0.0
     warming = p.rate_gain != 0.0 or p.heating_gain != 0.0
     viscosity = p.b + p.body_damping
     stiff = STUCK * p.T * p.T / p.C + p.k
@@ -233,11 +237,10 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                         memory_due, p.creep_onset) - crept) / interval
                 if relaxing:
                     if lasted > 0.0:
-                        mount_count = remember(mount_ends, mount_means, mount_count, begun, now,
-                                               x_sum / lasted, p.mount_onset, resolution)
-                    relaxation_rate = (p.mount_stiffness * power_law_decay(
-                        mount_ends, mount_means, mount_count, begun, state[X] - x_begun,
-                        memory_due, p.mount_onset, p.mount_exponent) - relaxed) / interval
+                        relax(shares, times, p.mount_third, yielded, x_sum / lasted, lasted)
+                    relaxation_rate = (p.mount_stiffness * yields_to(
+                        shares, times, p.mount_third, yielded, state[X], interval)
+                        - relaxed) / interval
                 memory_from, q_sum, x_sum = now, 0.0, 0.0
 
             heat = p.heating_gain * state[HEAT]
@@ -292,7 +295,7 @@ def run(p, state, starts, sources, forces, step, coarse, keep, hold_only, resolu
                 acceleration = (pull - viscosity * speed) / inertia
             slip(p, z, dq, slow, rate_scale)
             q_sum += h * (state[Q] + 0.5 * dq - q_begun - crept + 0.5 * creep_rate * h)
-            x_sum += h * (x + 0.5 * dx - x_begun)
+            x_sum += h * (x + 0.5 * dx)
             state[Q] += dq
             state[X], state[SPEED] = x + dx, speed
             state[TERMINAL] = state[RING] - (

@@ -14,6 +14,7 @@ from piezo_stack_sim.challenge.guide import guide_of
 from piezo_stack_sim.challenge.hidden import (
     either_sign, log, of_stroke, of_top, register, uniform, whole,
 )
+from piezo_stack_sim.challenge.mount import kept_after, mount_of
 
 KNOWN: dict = {}
 
@@ -195,14 +196,15 @@ def contact(unit, gap, force, roughness):
                               'hertz_roughness': roughness})
 
 
-@register(KNOWN, 'mechanical', 'a polymer mount that relaxes with a power law of time', BOTH,
-          stiffness=log(2e5, 3e7), exponent=log(0.03, 0.2), onset=log(1e-3, 5e-3),
-          nominal_after=log(0.03, 0.3))
-def mount_creep(unit, stiffness, exponent, onset, nominal_after):
+@register(KNOWN, 'mechanical', 'a glued mount that yields slowly under what it carries', BOTH,
+          stiffness=log(7e4, 8e6), time=log(10.0, 40.0), mix=uniform(0.08, 0.22),
+          way=log(2.5e-6, 6e-6), nominal_after=log(0.03, 0.3))
+def mount_creep(unit, stiffness, time, mix, way, nominal_after):
+    shares, times = mount_of(time, mix)
     # So long after a step the stiffness is that of the data sheet.
-    then = stiffness * (1.0 + nominal_after / onset) ** -exponent
+    then = stiffness * kept_after(shares, times, nominal_after)
     return unit.change(stack={'k': unit.stack.k - then, 'mount_stiffness': stiffness,
-                              'mount_exponent': exponent, 'mount_onset': onset})
+                              'mount_first': time, 'mount_second': mix, 'mount_third': way})
 
 
 # -- environment -----------------------------------------------------------------------------

@@ -5,8 +5,8 @@ Fading memory: a slow response that is a convolution over everything that happen
 
 The library of the diagnosis adds up a few exponential relaxations. Here the past itself is kept,
 cut into pieces with the mean of each, and weighed by a kernel that is no sum of exponentials:
-the logarithm of elapsed time (ferroelectric creep) or a power law (polymers). Pieces that are
-short compared with their age are joined, which keeps the list short.
+the logarithm of elapsed time (ferroelectric creep). Pieces that are short compared with their age
+are joined, which keeps the list short.
 
 What is kept are values and not their changes: changes of opposite signs have no centre of gravity,
 so that joining those of an oscillation would leave a rest at a wrong age.
@@ -80,14 +80,3 @@ def logarithmic_growth(ends, means, count, begun, latest, then, onset):
         total += means[i] * (before - since)
         before = since
     return (total + latest * before) / np.log(10.0)
-
-
-@njit(cache=True)
-def power_law_decay(ends, means, count, begun, latest, then, onset, exponent):
-    """Return what follows it with 1 - (1 + age/onset)**-exponent; arguments as above."""
-    total, before = 0.0, (1.0 + (then - begun) / onset) ** -exponent
-    for i in range(count):
-        since = (1.0 + (then - ends[i]) / onset) ** -exponent
-        total += means[i] * (since - before)
-        before = since
-    return total + latest * (1.0 - before)

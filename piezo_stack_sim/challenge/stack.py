@@ -89,9 +89,11 @@ class Stack(NamedTuple):
     hertz_stiffness: float = 0.0  # N/m^1.5
     hertz_gap: float = 1.0  # m
     hertz_roughness: float = 1e-9  # m
-    mount_stiffness: float = 0.0  # N/m, power-law relaxing
-    mount_onset: float = 1e-3  # s
-    mount_exponent: float = 0.1
+    # The mount beside the stack: see its module, which makes its branches of these.
+    mount_stiffness: float = 0.0  # N/m that it can lose
+    mount_first: float = 10.0  # s
+    mount_second: float = 0.2
+    mount_third: float = 1.0  # m
     detent_force: float = 0.0  # N
     detent_pitch: float = 2e-6  # m
     yielding_stiffness: float = 0.0  # N/m that a disc spring gives back beyond a place
