@@ -15,7 +15,7 @@ from piezo_stack_sim.challenge.guide import AT_FIRST, guide_of, kept, rub
 from piezo_stack_sim.challenge.hidden import BLOCKS, Context
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.challenge.memory import RESOLUTION
-from piezo_stack_sim.challenge.mount import mount_of, relax, yields_to
+from piezo_stack_sim.challenge.mount import mount_of, relax, speeds, yields_to
 from piezo_stack_sim.challenge.structure import sway
 from piezo_stack_sim.challenge.unforeseen import UNFORESEEN
 import pytest
@@ -206,13 +206,10 @@ def test_a_mount_yields_as_its_law_says(way):
         swing = np.exp(-t / 0.04) * np.sin(400.0 * np.pi * t) * (t < 0.1)
         return 6e-6 * faded * (1.0 + 0.9 * swing)
 
-    def law(t, y):
-        u = shares @ (place(t) - y) / way
-        return (place(t) - y) * (np.sinh(u) / u if u else 1.0) / times
-
     t = np.append(2e-5 * np.arange(5001), 0.1 + 1e-3 * np.arange(1, 2001))
-    exact = shares @ solve_ivp(law, (0.0, t[-1]), np.zeros(times.size), 'LSODA', t,
-                               rtol=1e-8, atol=1e-15, max_step=1e-3).y
+    exact = shares @ solve_ivp(lambda t, y: speeds(shares, times, way, y, place(t)), (0.0, t[-1]),
+                               np.zeros(times.size), 'LSODA', t, rtol=1e-8, atol=1e-15,
+                               max_step=1e-3).y
     yielded, worst = np.zeros(times.size), 0.0
     for i, h in enumerate(np.diff(t)):
         ends = place(t[i:i + 2])

@@ -80,3 +80,8 @@ def relax(shares, times, way, yielded, x, h):
     passed = h * hurried(x - yields_to(shares, times, way, yielded, x, 0.5 * h), way)
     for i in range(shares.size):
         yielded[i] -= (x - yielded[i]) * np.expm1(-passed / times[i])
+
+
+def speeds(shares, times, way, yielded, x):
+    """Return how fast the branches yield (m/s) where the mount is held: the law itself."""
+    return (x - yielded) * hurried(shares @ (x - yielded), way) / times
