@@ -13,7 +13,7 @@ of first order with a corner.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 
@@ -73,11 +73,24 @@ class ChannelNoise:
 
     def density(self, f: np.ndarray, period: float | np.ndarray) -> np.ndarray:
         """Return the one-sided power spectral density, unit^2/Hz, at frequencies f (Hz)."""
+        return _density_at(f, period)(self.white, self.pink, self.red, self.corner)
+
+
+def _density_at(f: np.ndarray, period: float | np.ndarray
+                ) -> Callable[[float, float, float, float], np.ndarray]:
+    """Return what gives the density of the four numbers of a noise at frequencies f (Hz)."""
+    turn = 2.0 * np.cos(2.0 * math.pi * f * period)
+    decay = -2.0 * math.pi * period
+    twice = 2.0 * period
+
+    def density(white: float, pink: float, red: float, corner: float) -> np.ndarray:
         # Sampled without a filter, all power beyond half the row rate folds back.
-        alike = np.exp(-2.0 * math.pi * self.corner * period)
-        red = self.red * (1.0 - alike ** 2) / (
-            1.0 - 2.0 * alike * np.cos(2.0 * math.pi * f * period) + alike ** 2)
-        return 2.0 * period * (self.white ** 2 + red) + self.pink / f
+        alike = np.exp(decay * corner)
+        square = alike * alike
+        first_order = red * (1.0 - square) / (1.0 - alike * turn + square)
+        return twice * (white ** 2 + first_order) + pink / f
+
+    return density
 
 
 def estimate_noise(recordings, simulated, coloured: float = COLOURED,
@@ -251,19 +264,16 @@ def _fitted(bands: np.ndarray, floor: float, least: float, coloured: float) -> C
     weight = np.sqrt(np.minimum(lines, 400.0))
     weight /= weight.sum()
     # The edge of bands that hold nothing but noise lies below it by their scatter.
-    scatter = SCATTER / np.sqrt(lines)
+    edge = np.log(level) + SCATTER / np.sqrt(lines)
     start = max(floor, least)
-
-    def made(log):
-        return ChannelNoise(*np.exp(log))
+    density = _density_at(f, period)
 
     def loss(log):
-        noise = made(log)
-        over = np.log(level / noise.density(f, period)) + scatter
-        slack = np.where(over > 0.0, EDGE * over, (EDGE - 1.0) * over)
-        far = sum((max(low - value, 0.0) + max(value - high, 0.0)) for value, low, high in zip(
-            log, limits[0], limits[1]))
-        return float(weight @ slack) + 0.1 * far
+        # Called ten thousand times a set: of few operations on purpose.
+        over = edge - np.log(density(*np.exp(log).tolist()))
+        far = np.maximum(limits[0] - log, 0.0) + np.maximum(log - limits[1], 0.0)
+        return EDGE * float(weight @ over) - float(
+            weight @ np.minimum(over, 0.0)) + 0.1 * float(far.sum())
 
     limits = (np.log([least, 1e-8 * start ** 2, 1e-8 * start ** 2, CORNERS[0]]),
               np.log([30.0 * start, 30.0 * start ** 2, 900.0 * start ** 2, CORNERS[1]]))
@@ -279,7 +289,7 @@ def _fitted(bands: np.ndarray, floor: float, least: float, coloured: float) -> C
     for found in tried[1:]:
         if found.fun < best.fun - 0.01:
             best = found
-    noise = made(np.clip(best.x, *limits))
+    noise = ChannelNoise(*np.exp(np.clip(best.x, *limits)))
     total = noise.white ** 2 + noise.red + 8.0 * noise.pink
     if total < (coloured * noise.white) ** 2 or best.fun > loss(np.log(
             [noise.white, 1e-8 * start ** 2, 1e-8 * start ** 2, 1000.0])) - 0.01:
