@@ -16,6 +16,7 @@ from piezo_stack_sim.challenge.hidden import BLOCKS, Context
 from piezo_stack_sim.challenge.known import KNOWN
 from piezo_stack_sim.challenge.memory import RESOLUTION
 from piezo_stack_sim.challenge.mount import mount_of, relax, speeds, yields_to
+from piezo_stack_sim.challenge.sensing import measure, Sensing
 from piezo_stack_sim.challenge.structure import sway
 from piezo_stack_sim.challenge.unforeseen import UNFORESEEN
 import pytest
@@ -76,6 +77,16 @@ def test_a_smaller_step_changes_nothing_in_what_is_hidden(key, parameters, recor
     once, finer = respond(unit, programme), respond(unit, programme, step=0.25 * STEP)
     assert np.abs(finer['displacement'] - once['displacement']).max() < 1e-9
     assert np.abs(finer['voltage'] - once['voltage']).max() < 1e-6
+
+
+def test_a_reading_between_two_points_lies_on_the_motion():
+    """A clock of the sensor's own reads where the trace has no points."""
+    t, omega = 4e-6 * np.arange(5001), 2.0 * np.pi * 5e3
+    trace = np.stack([t, 0.0 * t, 0.0 * t, 1e-6 * np.sin(omega * t), 0.0 * t,
+                      1e-6 * omega * np.cos(omega * t)])
+    time = t[10::5]
+    read = measure(Sensing(conversion_latency=1.7e-6), trace, time, 0)['displacement']
+    assert np.abs(read - 1e-6 * np.sin(omega * (time - 1.7e-6))).max() < 1e-11
 
 
 @pytest.mark.parametrize('key, parameters', [

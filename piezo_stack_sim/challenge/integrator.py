@@ -154,6 +154,7 @@ def save(out, row, now, state, force):
     out[2, row] = state[Q]
     out[3, row] = state[X]
     out[4, row] = force
+    out[5, row] = state[SPEED]
 
 
 @njit(cache=True)
@@ -183,13 +184,14 @@ def run(p, shares, times, state, starts, sources, forces, step, coarse, keep, ho
 
     Returns
     -------
-    (5, r) array
-        Time, terminal voltage, charge, displacement, force; left limits at segment boundaries.
+    (6, r) array
+        Time, terminal voltage, charge, displacement, force, speed; left limits at segment
+        boundaries.
 
     """
     z, guided, stage = state[STATES:], state[GUIDE:STATES], state[STAGE:GUIDE]
     rubs, rubbing = p.guide_first[0] > 0.0, guided[:MEMBERS].sum()
-    out = np.empty((5, 8192))
+    out = np.empty((6, 8192))
     save(out, 0, starts[0], state, 0.0)
     rows = 1
     creep_ends, creep_means = np.empty(CAPACITY), np.empty(CAPACITY)
@@ -312,7 +314,7 @@ def run(p, shares, times, state, starts, sources, forces, step, coarse, keep, ho
             if unsaved >= keep - 1e-12 or now == end:
                 unsaved = 0.0
                 if rows == out.shape[1]:
-                    larger = np.empty((5, 2 * rows))
+                    larger = np.empty((6, 2 * rows))
                     larger[:, :rows] = out
                     out = larger
                 save(out, rows, now, state, force)

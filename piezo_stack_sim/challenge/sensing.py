@@ -9,6 +9,9 @@ import numpy as np
 
 from piezo_stack_sim.challenge.structure import sway
 
+#: Points of a trace closer than this (s) are those of small steps.
+QUICK = 1e-5
+
 
 @dataclass(frozen=True)
 class Sensing:
@@ -122,6 +125,22 @@ def with_play(signal, width):
     return out
 
 
+def between(seen, t, x, speed):
+    """
+    Return a motion at other times than those of its trace: the cubic with its speeds there.
+
+    In long holds, where only a mean speed is known, it goes straight.
+
+    """
+    seen = np.clip(seen, t[0], t[-1])
+    i = np.clip(np.searchsorted(t, seen, side='right') - 1, 0, t.size - 2)
+    h = t[i + 1] - t[i]
+    part = (seen - t[i]) / h
+    rise = x[i + 1] - x[i]
+    bent = (1.0 - part) * (speed[i] * h - rise) - part * (speed[i + 1] * h - rise)
+    return x[i] + part * (rise + np.where(h < QUICK, (1.0 - part) * bent, 0.0))
+
+
 def measure(sensing, trace, time, index):
     """
     Return the noise-free channels of one recording, sensors not yet zeroed.
@@ -130,8 +149,8 @@ def measure(sensing, trace, time, index):
     ----------
     sensing : Sensing
         What the sensors do.
-    trace : (5, r) array
-        Time, voltage, charge, displacement, force as the integrator returns them.
+    trace : (6, r) array
+        Time, voltage, charge, displacement, force, speed as the integrator returns them.
     time : (n,) array
         Row times in s.
     index : int
@@ -143,7 +162,8 @@ def measure(sensing, trace, time, index):
         voltage (V), charge (C), displacement (m).
 
     """
-    t, v, q, x, force = trace
+    t, v, q, end, force, speed = trace
+    x = end
     rows = np.searchsorted(t, time + 1e-9, side='right') - 1
     random = np.random.default_rng([sensing.seed, index, 811])
     if np.isfinite(sensing.joint_stiffness):
@@ -163,7 +183,7 @@ def measure(sensing, trace, time, index):
         # The converter finished its last reading at its own last tick.
         seen = np.floor(seen / sensing.conversion_period) * sensing.conversion_period
     same = np.array_equal(seen, time)
-    displacement = x[rows] if same else np.interp(seen, t, x)
+    displacement = x[rows] if same else between(seen, t, end, speed) + np.interp(seen, t, x - end)
     displacement = distort(sensing, displacement, v[rows], time - time[0], random)
     charge = q
     if np.isfinite(sensing.leak_resistance):
