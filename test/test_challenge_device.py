@@ -79,6 +79,34 @@ def test_a_smaller_step_changes_nothing_in_what_is_hidden(key, parameters, recor
     assert np.abs(finer['voltage'] - once['voltage']).max() < 1e-6
 
 
+def quick():
+    """Return the beginning of the multisine of the withheld rounds: rows of 20 us."""
+    whole = programmes.programmes(replace(programmes.Plan(), names=('multisine',)))[0]
+    return Programme('multisine', *(
+        rows[:2000] for rows in (whole.time, whole.command, whole.force)))
+
+
+LIMITED = {'sinks': 0.75, 'first': 0.35, 'second': 0.2, 'third': 3e-3}
+
+
+@pytest.mark.parametrize('parts', [
+    {'amplifier_current_limit': {**LIMITED, 'limit': 0.1, 'resistance': 25.0}},
+    {'amplifier_bandwidth': {'time_constant': 4e-6, 'inner': 0.1, 'quiescent': 0.2}},
+    {'amplifier_bandwidth': {'time_constant': 5e-5, 'inner': 0.1, 'quiescent': 0.02}},
+    {'amplifier_bandwidth': {'time_constant': 1e-5, 'inner': 0.1, 'quiescent': 0.05},
+     'amplifier_current_limit': {**LIMITED, 'limit': 0.1, 'resistance': 8.0}},
+])
+def test_a_driver_that_charge_must_wait_for_needs_no_smaller_step(parts):
+    """However soon the charge has followed: within the step, or in many."""
+    unit = Unit()
+    for key, parameters in parts.items():
+        unit = EFFECTS[key].apply(unit, **parameters)
+    programme = quick()
+    once, finer = respond(unit, programme), respond(unit, programme, step=0.125 * STEP)
+    assert np.abs(finer['displacement'] - once['displacement']).max() < 8e-10
+    assert np.abs(finer['voltage'] - once['voltage']).max() < 4e-3
+
+
 def test_a_reading_between_two_points_lies_on_the_motion():
     """A clock of the sensor's own reads where the trace has no points."""
     t, omega = 4e-6 * np.arange(5001), 2.0 * np.pi * 5e3

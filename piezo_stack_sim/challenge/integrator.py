@@ -15,7 +15,8 @@ from piezo_stack_sim.challenge.guide import MEMBERS, rub
 from piezo_stack_sim.challenge.memory import CAPACITY, logarithmic_growth, remember
 from piezo_stack_sim.challenge.mount import relax, yields_to
 from piezo_stack_sim.challenge.physics import (
-    charge_step, equilibrium, mechanical_force, mesh_voltage, output_drop, slip,
+    charge_step, equilibrium, force_per_charge, mechanical_force, mesh_voltage, output_drop,
+    resisted_step, slip,
 )
 from piezo_stack_sim.challenge.stage import begin, finish, KEPT, lost
 
@@ -37,6 +38,8 @@ DRIFT = 2e-3
 MEMORY_INTERVAL = 2e-5
 #: So often is a jump of the charge found again with the current that it has brought.
 JUMP_ROUNDS = 3
+#: So often is the step halved that follows a jump of the source, if charge must follow it.
+PARTS = 4
 #: Share of the piezoelectric stiffness T^2/C that is left where the stiff elements stick.
 STUCK = 0.8
 
@@ -147,6 +150,40 @@ def jump(p, z, stage, state, x, heat):
 
 
 @njit(cache=True)
+def charge_through_output(p, z, stage, state, slow, dx, h, heat, scale, source, jumped, rate):
+    """
+    Advance amplifier and charge by one step of the motion; elements and stage in place.
+
+    Where the source has just jumped, in steps that begin small. Return the charge that has
+    flowed (C), how much of it the force has felt in the mean (C), and the last current (A).
+
+    """
+    q, flowed, felt, done = state[Q], 0.0, 0.0, 0.0
+    parts = PARTS if jumped else 0
+    for part in range(parts + 1):
+        piece = 0.5 ** min(parts - part + 1, parts) if parts else 1.0
+        done += piece
+        before = state[RING]
+        amplify(p, state, source, piece * h)
+        lag = 0.0
+        if p.amplifier_lag > 0.0 and p.ringing_frequency == 0.0:
+            lag = piece * h / p.amplifier_lag
+        if p.current_limit < np.inf:
+            begin(p, stage, state[TERMINAL], piece * h)
+        dq, voltage, early = resisted_step(
+            p, z, stage, q + flowed, piece * slow, state[X] + done * dx, piece * h, heat, scale,
+            state[TERMINAL], before, state[RING], lag, rate)
+        slip(p, z, dq, piece * slow, scale)
+        rate = dq / (piece * h)
+        felt += piece * (flowed + early)
+        flowed += dq
+        state[TERMINAL] = voltage
+        if p.current_limit < np.inf:
+            finish(p, stage, rate, voltage, piece * h)
+    return flowed, felt, rate
+
+
+@njit(cache=True)
 def save(out, row, now, state, force):
     """Write one row of the trace."""
     out[0, row] = now
@@ -209,6 +246,9 @@ def run(p, shares, times, state, starts, sources, forces, step, coarse, keep, ho
     viscosity = p.b + p.body_damping
     stiff = STUCK * p.T * p.T / p.C + p.k
     limited = p.current_limit < np.inf
+    # What a resistance, or a limit, lets follow the source in its own time.
+    resisted = limited or (p.output_resistance > 0.0 and p.crossover_voltage == 0.0)
+    rate = 0.0
     calm = hold_only
     still = unsaved = acceleration = last = 0.0
     settling = SETTLING_WITH_BODY if p.body_mass > 0.0 else SETTLING
@@ -258,18 +298,19 @@ def run(p, shares, times, state, starts, sources, forces, step, coarse, keep, ho
                         + pull_of_body(p, state, x))
                 inertia = p.m + stiff * h * h / 12.0
                 acceleration = (pull - viscosity * state[SPEED]) / inertia
-            fresh = False
+            jumped, fresh = fresh, False
             rate_scale = 1.0
             if p.rate_gain != 0.0:
                 # At the end of the step, by the current of the last one.
                 rate_scale = stretched(p, last + (state[CURRENT] - last)
                                        * np.exp(-h / p.rate_memory))
-            if not calm:
+            following = resisted and not calm
+            if not calm and not resisted:
                 amplify(p, state, source, h)
             slow = creep_rate * h + (relay_charge(p, state, h) if p.relay_charge != 0.0 else 0.0)
             relaxed += relaxation_rate * h
             crept += creep_rate * h
-            if limited:
+            if limited and calm:
                 begin(p, stage, state[TERMINAL], h)
 
             if calm:
@@ -282,8 +323,12 @@ def run(p, shares, times, state, starts, sources, forces, step, coarse, keep, ho
                     state[BODY], state[BODY_SPEED] = x + dx, speed
             else:
                 dx = h * (state[SPEED] + 0.5 * h * acceleration)
-                dq = charge_step(p, z, stage, state[Q], slow, x + dx, h, heat, rate_scale,
-                                 state[RING])
+                if following:
+                    dq, felt, rate = charge_through_output(
+                        p, z, stage, state, slow, dx, h, heat, rate_scale, source, jumped, rate)
+                else:
+                    dq = charge_step(p, z, stage, state[Q], slow, x + dx, h, heat, rate_scale,
+                                     state[RING])
                 if rubs:
                     rubbing = rub(p.guide_first, p.guide_second, p.guide_third, guided, dx, h)
                 if p.body_mass > 0.0:
@@ -294,16 +339,23 @@ def run(p, shares, times, state, starts, sources, forces, step, coarse, keep, ho
                 inertia = p.m + stiff * h * h / 12.0
                 speed = ((state[SPEED] + 0.5 * h * (acceleration + pull / inertia))
                          / (1.0 + 0.5 * h * viscosity / inertia))
+                if following:
+                    # Most of the charge has come early in the step: so has its push.
+                    speed += (felt - 0.5 * dq) * h / inertia * force_per_charge(
+                        p, state[Q] + 0.5 * dq, heat, force)
                 acceleration = (pull - viscosity * speed) / inertia
-            slip(p, z, dq, slow, rate_scale)
+            if not following:
+                slip(p, z, dq, slow, rate_scale)
             q_sum += h * (state[Q] + 0.5 * dq - q_begun - crept + 0.5 * creep_rate * h)
             x_sum += h * (x + 0.5 * dx)
             state[Q] += dq
             state[X], state[SPEED] = x + dx, speed
-            state[TERMINAL] = state[RING] - (
-                lost(p, stage, dq / h) if limited else output_drop(p, dq, h))[0]
-            if limited:
-                finish(p, stage, dq / h, state[TERMINAL], h)
+            if not following:
+                rate = dq / h
+                state[TERMINAL] = state[RING] - (
+                    lost(p, stage, rate) if limited else output_drop(p, dq, h))[0]
+                if limited:
+                    finish(p, stage, rate, state[TERMINAL], h)
             if warming:
                 slow_states(p, state, dq, h)
                 last = abs(dq) / h

@@ -108,6 +108,103 @@ def charge_step(p, z, stage, q, slow, x, h, heat, rate_scale, source):
 
 
 @njit(cache=True)
+def share_left(way):
+    """Return the part of its change that what decays by exp(-way) has made in the mean."""
+    if way < 1e-3:
+        return 0.5 + way / 12.0
+    return 1.0 / (1.0 - np.exp(-way)) - 1.0 / way
+
+
+@njit(cache=True)
+def share_lagging(way, lag):
+    """Return the same of an input that nears its end by exp(-lag), as the charge sees it."""
+    if lag < 1e-3 or way < 1e-3:
+        return share_left(max(way, lag))
+    if abs(lag - way) < 1e-4 * way:
+        lag = way * (1.0 + 1e-4)
+    early, late = np.exp(-lag), np.exp(-way)
+    return (1.0 - (early - late) / ((1.0 - lag / way) * (1.0 - late))) / (1.0 - early)
+
+
+@njit(cache=True)
+def share_bent(off, way):
+    """Return the same where current grows with sinh of what is off, over its own unit."""
+    if abs(off) < 0.03 or way < 1e-3:
+        return share_left(way)
+    left = 2.0 * np.arctanh(min(np.tanh(0.5 * abs(off)), 1.0 - 1e-15) * np.exp(-way))
+    gone = abs(off) - left
+    if gone < 1e-9:
+        return 0.5
+    return (abs(off) - np.arcsinh(gone / way)) / gone
+
+
+@njit(cache=True)
+def resisted_step(p, z, stage, q, slow, x, h, heat, rate_scale, start, before, source, lag, rate):
+    """
+    Return charge step (C), mesh voltage at its end (V), and what has flowed in the mean (C).
+
+    The charge decays towards the source through the output resistance, in a time that may be
+    less than the step: each voltage is weighed as that exponential weighs it, which is exact as
+    long as the mesh is linear (exponential fitting, Liniger and Willoughby 1970).
+
+    Parameters
+    ----------
+    x : float
+        Displacement at the end, in m.
+    start, before, source : float
+        Voltage of the mesh at the beginning, and of the source there and at the end, in V.
+    lag : float
+        Step over the time constant with which the source nears its end; 0 if it goes straight.
+    rate : float
+        Current to begin the search with, in A.
+
+    """
+    still, slope = mesh_voltage(p, z, q, 0.0, slow, x, 0.0, heat, rate_scale)
+    limited = p.current_limit < np.inf
+    low, high, dq = -1e-2, 1e-2, rate * h
+    if limited:
+        low, high = most(p, stage)
+        low, high = low * h, high * h
+        dq = min(max(dq, low), high)
+    voltage, moved, felt, early = still, 0.5, 0.5, 0.0
+    for _ in range(100):
+        voltage, slope = mesh_voltage(p, z, q, dq, slow, x, 0.0, heat, rate_scale)
+        secant = (voltage - still) / dq if abs(dq) > 1e-16 else slope
+        if limited:
+            drop, rise = lost(p, stage, dq / h)
+            own = p.output_resistance / rise
+            way = h * secant / p.output_resistance
+            # What limits takes its voltage at once, and the current hardly changes then.
+            share = 1.0 - own * (1.0 - share_left(way))
+            felt, way = share_left(own * way), own * way
+            rise /= h
+        else:
+            drop, rise = output_drop(p, dq, h)
+            way = h * secant / p.output_resistance
+            share = share_left(way)
+            if p.quiescent_current < np.inf:
+                full = before - start + moved * (source - before) - share * (still - start)
+                share = share_bent(full / (p.output_resistance * p.quiescent_current), way)
+            felt = share
+        moved = share_lagging(way, lag) if lag > 0.0 else share
+        # What the source and the motion do throughout the step comes in its middle.
+        middle = share_left(lag) if lag > 0.0 else 0.5
+        early = ((middle - moved) * (source - before) + (felt - 0.5) * (still - start)) / secant
+        error = drop + start + share * (voltage - start) - before - moved * (source - before)
+        if error > 0.0:
+            high = dq
+        else:
+            low = dq
+        if abs(error) < 1e-8 or high - low < 1e-19:
+            break
+        guess = dq - error / (rise + share * slope)
+        if not low < guess < high:
+            guess = 0.5 * (low + high)
+        dq = guess
+    return dq, voltage, felt * dq + early
+
+
+@njit(cache=True)
 def slip(p, z, dq, slow, rate_scale):
     """Move the Maxwell elements by a charge step, in place (Eq. 16)."""
     rising = rate_scale * (1.0 + p.branch_difference)
@@ -144,6 +241,14 @@ def mechanical_force(p, q, x, rubbing, relaxed, heat, force):
     if p.detent_force != 0.0:
         total -= p.detent_force * np.sin(2.0 * np.pi * x / p.detent_pitch)
     return total
+
+
+@njit(cache=True)
+def force_per_charge(p, q, heat, force):
+    """Return the slope of `mechanical_force` with the charge, in N/C."""
+    off = p.converse_error * (1.0 - force / p.depoling_force)
+    return (p.T * (1.0 + off) * (1.0 + heat) / p.C
+            + p.electrostriction * (q - 0.5 * p.chord_charge))
 
 
 @njit(cache=True)
