@@ -22,7 +22,7 @@ from piezo_stack_sim.challenge.stage import begin, finish, KEPT, lost
 
 #: Layout of the state vector; those of stage and guide follow, then the Maxwell voltages.
 (Q, X, SPEED, TERMINAL, HEAT, CURRENT, RELAY, RELAY_GOAL, LAGGED, RING, RING_RATE, BODY,
- BODY_SPEED, STAGE) = range(14)
+ BODY_SPEED, RING_STEP, RING_PART, RING_COSINE, STAGE) = range(17)
 GUIDE = STAGE + KEPT
 STATES = GUIDE + MEMBERS + 1
 
@@ -51,14 +51,20 @@ def amplify(p, state, source, h):
     state[LAGGED] = source + (before - source) * (
         np.exp(-h / p.amplifier_lag) if p.amplifier_lag > 0.0 else 0.0)
     if p.ringing_frequency > 0.0:
+        if h <= 0.0:
+            return
         # Exactly, for an input that keeps its mean: without a lag it is constant.
         omega = 2.0 * np.pi * p.ringing_frequency
-        goal = 0.5 * (before + state[LAGGED]) if h > 0.0 else state[LAGGED]
-        off, rate = state[RING] - goal, state[RING_RATE]
         loss = p.ringing_damping * omega
-        swing = omega * np.sqrt(1.0 - p.ringing_damping ** 2)
-        part, cosine = np.exp(-loss * h) * np.sin(swing * h) / swing, np.cos(swing * h)
-        cosine *= np.exp(-loss * h)
+        if not abs(h - state[RING_STEP]) < 1e-9 * h:
+            # Most steps are as long as the one before.
+            swing = omega * np.sqrt(1.0 - p.ringing_damping ** 2)
+            state[RING_STEP], faded = h, np.exp(-loss * h)
+            state[RING_PART] = faded * np.sin(swing * h) / swing
+            state[RING_COSINE] = faded * np.cos(swing * h)
+        goal = 0.5 * (before + state[LAGGED])
+        off, rate = state[RING] - goal, state[RING_RATE]
+        part, cosine = state[RING_PART], state[RING_COSINE]
         state[RING] = goal + off * cosine + (rate + loss * off) * part
         state[RING_RATE] = rate * cosine - (loss * rate + omega * omega * off) * part
     else:
