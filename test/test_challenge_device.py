@@ -107,6 +107,14 @@ def test_a_driver_that_charge_must_wait_for_needs_no_smaller_step(parts):
     assert np.abs(finer['voltage'] - once['voltage']).max() < 4e-3
 
 
+def test_a_payload_needs_no_smaller_step():
+    """Its joint is quicker than the stack."""
+    unit, programme = EFFECTS['added_mass'].apply(
+        Unit(), mass=3e-3, joint_frequency=6.5e4), quick()
+    once, finer = respond(unit, programme), respond(unit, programme, step=0.125 * STEP)
+    assert np.abs(finer['displacement'] - once['displacement']).max() < 1.3e-9
+
+
 def test_a_reading_between_two_points_lies_on_the_motion():
     """A clock of the sensor's own reads where the trace has no points."""
     t, omega = 4e-6 * np.arange(5001), 2.0 * np.pi * 5e3

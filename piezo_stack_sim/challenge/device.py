@@ -15,6 +15,7 @@ from piezo_stack_sim.challenge.sensing import measure, Sensing
 from piezo_stack_sim.challenge.stack import Stack
 
 STEP = 2e-6  # s; the 24 kHz resonance gets twenty steps a period, good for a nanometre
+OF_BODY = 0.5  # of the step with a payload: its joint rings at up to 65 kHz
 COARSE = 1e-3  # s, in holds
 KEEP = 4e-6  # s, spacing of the trace from which the sensors read
 SLOW = 0.01  # s, between two voltages of a history
@@ -97,6 +98,8 @@ def respond(unit, programme, index=0, step=STEP, resolution=RESOLUTION):
     Displacement and charge are zeroed at the first row.
 
     """
+    if unit.stack.body_mass > 0.0:
+        step = step * OF_BODY
     state = rest(unit)
     edges, sources, forces = segments(unit.drive, programme.time, programme.command,
                                       programme.force)
