@@ -206,9 +206,10 @@ def test_a_second_effect_must_explain_something_behind_the_terminals(fits):
 def test_who_hardly_sees_an_effect_behind_the_terminals_does_not_deny_it(fits, length, word):
     def part(name, gain, length):
         probe = Probe('creep', {}, length * np.ones((100, 1)))
-        return Part(Search(None, probes={'creep': [probe]}), SimpleNamespace(
+        fits = {name: SimpleNamespace(effects={name: {}})}
+        return Part(Search(None, fits, {'creep': [probe]}), SimpleNamespace(
             singles=[Ranked(name, gain, 0.9, 1)], verdict=SimpleNamespace(selected=(), tie=()),
-            structure=0.0, alike=Alike([], [], set())))
+            structure=0.0, alike=Alike([], [], set())), chances={name: 1.0})
 
     sides = Terminals(part('amplifier_gain', 900.0, 1.0), part('creep', 5.0, length))
     cut = sides.join(None, part('creep', 0.0, 1.0).search, DEFAULTS, print)

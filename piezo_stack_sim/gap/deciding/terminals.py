@@ -38,6 +38,7 @@ BEHIND = tuple(name for name in EFFECTS if name not in DRIVE)
 UNMISTAKABLE = 0.5  # excess over the noise power that no effect need explain to be a gap
 SEES = 0.4  # part of an effect that must be seen behind the terminals to deny it there
 MATTERS = 0.02  # part of a gap from which it matters what is wrong at the terminals
+UNTOLD = 0.5  # part of a row between two measured voltages in which a jump may lie
 LEADING = 2  # effects of the drive whose numbers by the voltage alone are tried
 
 
@@ -115,6 +116,20 @@ class Terminals:
                 for driver, one in self.before.chances.items()
                 for other, two in self.behind.chances.items()}
 
+    @property
+    def between_rows(self) -> set[str]:
+        """
+        Return what would come late behind a late driver, but by less than rows of voltage tell.
+
+        Such a driver jumps between two rows, nobody has measured when: what follows it seems to
+        be late by up to a part of a row.
+        """
+        if not any(EFFECTS[name].is_time for name in self.before.best.effects):
+            return set()
+        row = min(track.recording.period for track in self.behind.fitter.evidence.tracks)
+        return {name for name, fit in self.behind.search.fits.items() if EFFECTS[name].is_late
+                and sum(fit.effects[name].values()) < UNTOLD * row}
+
     def join(self, fitter: Fitter, search: Search, thresholds: Thresholds,
              progress: Callable[[str], None]) -> Cut | None:
         """
@@ -138,16 +153,19 @@ class Terminals:
                 return None
             return Cut(known=False, misread=is_voltage_misread(fitter))
         singles = self.behind.decision.singles
+        hidden = self.between_rows
         # Who sees little of an effect cannot deny it.
-        supported = frozenset(each.name for each in singles if each.gain > thresholds.second
-                              or self.behind.sees(each.name) < SEES * _length(search, each.name))
+        supported = frozenset(each.name for each in singles if each.name not in hidden and (
+            each.gain > thresholds.second
+            or self.behind.sees(each.name) < SEES * _length(search, each.name)))
         removed = self.behind.explained
         resembling = frozenset(self.before.resembling | self.behind.resembling)
 
         def bears(effects):
             return self.behind.bears(effects, thresholds.second)
 
-        if (not self.behind.decision.verdict.selected or singles[0].gain < thresholds.second
+        if (not self.behind.decision.verdict.selected or not hidden.isdisjoint(self.behind.best.effects)
+                or singles[0].gain < thresholds.second
                 or removed < thresholds.explained
                 or self.behind.decision.structure < thresholds.excess):
             return Cut(known=True, resembling=resembling, supported=supported, bears=bears)
