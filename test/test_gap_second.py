@@ -208,6 +208,17 @@ def test_a_pair_that_nobody_would_believe_takes_no_place(stop_and_delay):
     assert rivals_of(clear.name, first, [clear, believed], DEFAULTS, ()) == [clear]
 
 
+@pytest.mark.parametrize('one, two, word', [
+    (False, False, 'MULTIPLE'), (False, True, 'CAUSE'), (True, True, 'MULTIPLE')])
+def test_what_counts_by_its_form_alone_is_not_at_a_bound(one, two, word):
+    """A resonance as broad as there is any bends to what the form of a current limit misses."""
+    singles = [Ranked('amplifier_current_limit', 5000.0, 0.979, 4, 0.02, 40.0, stuck=one),
+               Ranked('amplifier_bandwidth', 900.0, 0.7, 2, 0.3, 900.0)]
+    pair = Ranked('amplifier_current_limit+mechanical_resonance', 5090.0, 0.978, 7, 0.019, 39.0,
+                  second=90.0, part=0.15, over=100.0, form=400.0, wrong=0.1, stuck=two)
+    assert decide(singles, [pair], 0.999, 2e3, []).word == word
+
+
 def test_what_resembles_a_believed_second_and_does_as_well_is_left_open(stop_and_delay):
     singles, pair = stop_and_delay
     believed = replace(pair('contact+thermal_drift', 700.0), part=0.46)

@@ -233,6 +233,30 @@ def test_the_likeliest_driver_is_named_whatever_scores_more_at_a_bound():
     assert sum(chances.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize('driver, late, told', [
+    ('command_delay', 5e-6, False), ('command_delay', 3e-5, True),
+    ('amplifier_bandwidth', 5e-6, True)])
+def test_a_part_of_a_row_behind_a_late_driver_tells_of_no_late_sensor(driver, late, told):
+    """When it jumped between two rows nobody has measured; what a slow one does is smooth."""
+    def part(name, values, gain):
+        return Part(
+            Search(None, {name: SimpleNamespace(effects={name: values}, phi=None)},
+                   {name: [Probe(name, {}, np.ones((100, 1)))]}),
+            SimpleNamespace(singles=[Ranked(name, gain, 0.99, 1)], structure=9.0,
+                            alike=Alike([], [], set()),
+                            verdict=SimpleNamespace(selected=(name,), tie=())),
+            SimpleNamespace(evidence=SimpleNamespace(tracks=[
+                SimpleNamespace(recording=SimpleNamespace(period=period))
+                for period in (4e-5, 2e-3)])), {name: 1.0})
+
+    sides = Terminals(part(driver, {'delay': 7e-5}, 5000.0),
+                      part('sensor_delay', {'delay': late}, 900.0))
+    assert ('sensor_delay' in sides.between_rows) != told
+    if not told:
+        cut = sides.join(None, sides.behind.search, DEFAULTS, print)
+        assert cut.known and not cut.pair and not cut.allows('sensor_delay')
+
+
 def test_what_would_show_behind_the_terminals_and_does_not_is_not_there():
     device = Device.nominal()
     fitter = fitter_of(device, device, (programmes.multisine(),), np.random.default_rng(5), NOISE)

@@ -149,8 +149,12 @@ def resisted_step(p, z, stage, q, slow, x, h, heat, rate_scale, start, before, s
 
     Parameters
     ----------
+    p, z, stage, q, slow, heat, rate_scale : ndarray or float
+        What the step starts with, as the integrator holds it.
     x : float
         Displacement at the end, in m.
+    h : float
+        Step, in s.
     start, before, source : float
         Voltage of the mesh at the beginning, and of the source there and at the end, in V.
     lag : float

@@ -91,9 +91,11 @@ def well_formed(best: Ranked, pair: Ranked, t: Thresholds,
     """
     Tell whether two count for their form, once they are fitted as they correct the device best.
 
-    Two that leave more of the gap then only bend to an error of the first's form.
+    Two that leave more of the gap then only bend to an error of the first's form.  So do two of
+    which a number comes to rest at a bound, and none of the one does.
     """
-    return is_beyond_form(best, pair, t, kin) and _loses_little(best, pair, t)
+    return (is_beyond_form(best, pair, t, kin) and _loses_little(best, pair, t)
+            and (best.stuck or not pair.stuck))
 
 
 def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,

@@ -124,7 +124,8 @@ class Terminals:
         Such a driver jumps between two rows, nobody has measured when: what follows it seems to
         be late by up to a part of a row.
         """
-        if not any(EFFECTS[name].is_time for name in self.before.best.effects):
+        if self.behind.fitter is None or not any(
+                EFFECTS[name].is_time for name in self.before.best.effects):
             return set()
         row = min(track.recording.period for track in self.behind.fitter.evidence.tracks)
         return {name for name, fit in self.behind.search.fits.items() if EFFECTS[name].is_late
@@ -164,7 +165,8 @@ class Terminals:
         def bears(effects):
             return self.behind.bears(effects, thresholds.second)
 
-        if (not self.behind.decision.verdict.selected or not hidden.isdisjoint(self.behind.best.effects)
+        if (not self.behind.decision.verdict.selected
+                or not hidden.isdisjoint(self.behind.best.effects)
                 or singles[0].gain < thresholds.second
                 or removed < thresholds.explained
                 or self.behind.decision.structure < thresholds.excess):
