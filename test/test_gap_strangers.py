@@ -369,6 +369,7 @@ def test_a_spring_is_no_capacitor_in_series(device):
     assert found.better < -100.0 and found.chance > 0.99
 
 
+@pytest.mark.slow
 def test_a_capacitor_in_series_is_unknown_and_electrical(device):
     document = diagnose_set(a_set(in_series(device, 40e-6)), device).document
     assert (document['verdict'], document['where']['block']) == ('UNKNOWN', 'electrical')
