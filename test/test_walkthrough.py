@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from ros_process import ENVIRONMENT, PATIENCE
+from ros_process import ENVIRONMENT, FIRST_START, PATIENCE
 
 pytest.importorskip('rclpy')
 
@@ -24,7 +24,7 @@ def walked(tmp_path_factory):
     done = subprocess.run(
         [sys.executable, '-m', 'piezo_stack_sim.examples.walkthrough', '--seed', str(SEED),
          '--out', str(folder)],
-        env=ENVIRONMENT, capture_output=True, text=True, timeout=10 * PATIENCE)
+        env=ENVIRONMENT, capture_output=True, text=True, timeout=FIRST_START + 10 * PATIENCE)
     assert done.returncode == 0, done.stderr
     return folder, done.stdout
 

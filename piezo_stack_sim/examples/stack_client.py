@@ -24,7 +24,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 PATIENCE = 20.0  # s without an answer until the device counts as absent
-FIRST_START = 180.0  # s that a device may take to start where it has to be compiled first
+# s that a device may take to start where it has to be compiled first, beside other work
+FIRST_START = 300.0
 _VALUES = {ParameterType.PARAMETER_DOUBLE: 'double_value',
            ParameterType.PARAMETER_STRING: 'string_value'}
 

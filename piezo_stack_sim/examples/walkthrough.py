@@ -29,7 +29,6 @@ RATE = 2000.0  # Hz
 SECRETS = ('creep', 'mount_creep', 'stiffness_hardening', 'leakage', 'friction')
 NOISE = {'displacement': 2e-9, 'charge': 5e-9, 'voltage': 5e-3}
 CHANNELS = {'voltage': ('mV', 1e3), 'charge': ('nC', 1e9), 'displacement': ('nm', 1e9)}
-PATIENCE = 120.0  # s; the first start compiles the plant
 
 
 def secret_device(seed: int) -> Device:
@@ -64,8 +63,9 @@ def node(namespace: str, params: Path):
 def play(namespace: str, profile: str, out: Path, *options: str) -> None:
     """Excite a device, as ``piezo_stack excite`` does, and record what it answers."""
     from piezo_stack_sim.commands.excite import command
+    from piezo_stack_sim.examples.stack_client import FIRST_START
     command.main([profile, '--node', f'/{namespace}/stack', '--reset',
-                  '--patience', f'{PATIENCE:g}', '--out', str(out), *options],
+                  '--patience', f'{FIRST_START:g}', '--out', str(out), *options],
                  standalone_mode=False)
 
 
