@@ -79,7 +79,7 @@ CASES = {
                    {'time_constant': 1e-4, 'second_time_constant': 5e-5}),
     'sensor_delay': ('multisine', {'delay': 8e-5, 'share': 0.5}, {'delay': 8e-5}),
     'sensor_nonlinearity': ('triangle', {'size': 3e-7, 'length': 1.3e-5},
-                            {'quadratic': 0.05, 'cubic': -0.05}),
+                            {'quadratic': 0.05, 'cubic': -0.05, 'quartic': -2e-3}),
 }
 
 

@@ -779,11 +779,21 @@ def test_a_sensor_delay_shifts_the_displacement_and_nothing_else(delay):
 
 def test_linearity_errors_of_a_sensor_vanish_at_both_ends():
     full = build_model(IDEAL).reference.stroke
-    model = build_model(only('sensor_nonlinearity', quadratic=0.01, cubic=0.02))
     position = full * np.array([0.0, 0.5, 1.0 / math.sqrt(3.0), 1.0])
-    error = (model.reading_maps[0](position, 0.0) - position) / full
-    assert error[[0, 3]] == pytest.approx([0.0, 0.0], abs=1e-15)
-    assert error[2] > error[1] > 0.01
+
+    def error(at=position, **values):
+        model = build_model(only('sensor_nonlinearity', **values))
+        return (model.reading_maps[0](at, 0.0) - at) / full
+
+    wrong = error(quadratic=0.01, cubic=0.02)
+    assert wrong[[0, 3]] == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert wrong[2] > wrong[1] > 0.01
+    # The third turns back in the middle, alike on both sides of it.
+    way = np.linspace(0.0, full, 1001)
+    twice = error(way, quartic=0.03)
+    assert twice[[0, 500, 1000]] == pytest.approx([0.0, 0.0, 0.0], abs=1e-15)
+    assert twice.max() == pytest.approx(0.03, rel=1e-4)
+    assert twice == pytest.approx(twice[::-1], abs=1e-15)
 
 
 # -- energy ------------------------------------------------------------------------

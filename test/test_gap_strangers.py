@@ -27,6 +27,11 @@ NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
 ALL = ('voltage', 'charge', 'displacement')
 
 
+def slow(*case):
+    """Return a case that another one tells most of."""
+    return pytest.param(*case, marks=pytest.mark.slow)
+
+
 @pytest.fixture(scope='module')
 def device():
     return Device.nominal()
@@ -160,12 +165,12 @@ def reads_by(channel, factor=1.0, lag=None, shift=0.0):
 
 
 @pytest.mark.parametrize('channel, factor, lag, shift, says', [
-    ('charge', 1.05, None, 0.0, 'reads about 5.0 % too much'),
+    slow('charge', 1.05, None, 0.0, 'reads about 5.0 % too much'),
     ('charge', 0.96, None, 0.0, 'reads about 4.0 % too little'),
     ('charge', 1.0, 2e-3, 0.0, 'has a lag of about 2.0 ms'),
-    ('voltage', 1.03, None, 0.0, 'reads about 3.0 % too much'),
-    ('voltage', 1.0, 5e-4, 0.0, 'has a lag of about 500 µs'),
-    ('charge', 1.0, None, 3e-4, 'comes late by about 300 µs'),
+    slow('voltage', 1.03, None, 0.0, 'reads about 3.0 % too much'),
+    slow('voltage', 1.0, 5e-4, 0.0, 'has a lag of about 500 µs'),
+    slow('charge', 1.0, None, 3e-4, 'comes late by about 300 µs'),
     ('voltage', 1.0, None, -1e-3, 'comes early by about 1.0 ms')])
 def test_a_reading_that_is_wrong_alone_is_known_by_how_much(
         device, channel, factor, lag, shift, says):
@@ -199,9 +204,9 @@ def test_what_is_wrong_and_followed_is_no_wrong_reading(device, effect):
 
 @pytest.mark.parametrize('spoil, played, channels, block', [
     (runs_slow, None, ('displacement',), 'sensor'), (has_play, None, ALL, 'mechanical'),
-    (leaks, None, ALL, 'sensor'), (forgets, None, ALL, 'sensor'),
+    slow(leaks, None, ALL, 'sensor'), slow(forgets, None, ALL, 'sensor'),
     (jumps, None, ('charge', 'displacement'), 'electrical'), (warms, None, ALL, 'transducer'),
-    (is_averaged, None, ALL, 'sensor'), (starts_anyhow, None, ('displacement',), 'sensor'),
+    slow(is_averaged, None, ALL, 'sensor'), (starts_anyhow, None, ('displacement',), 'sensor'),
     (wanders, None, ('displacement',), 'sensor'),
     (None, warms_up, ('charge', 'displacement'), 'drive')])
 def test_a_stranger_is_known_by_what_it_leaves_beside_re_tuned_parameters(

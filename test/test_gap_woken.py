@@ -35,7 +35,8 @@ def test_what_mends_a_form_is_looked_for_where_there_is_a_way_to_it(name, has):
     assert has_late(name) == has
 
 
-@pytest.mark.parametrize('swings', [(18.6, 0.0, 0.0), (42.0, -9.0, 25.0)])
+@pytest.mark.parametrize('swings', [
+    (18.6, 0.0, 0.0), pytest.param((42.0, -9.0, 25.0), marks=pytest.mark.slow)])
 def test_a_history_that_has_faded_is_found_to_the_noise(device, swings):
     # Three swings are not enough for it: they leave many times the noise.
     unit = device.with_effects({'initial_polarisation': faded(device, swings, 0.4)})
@@ -60,7 +61,8 @@ RINGS = {'participation': 0.2, 'frequency': 1830.0, 'damping_ratio': 0.02}
 
 
 @pytest.mark.parametrize('second', [
-    {'second_participation': 0.05, 'second_frequency': 2900.0, 'second_damping_ratio': 0.03},
+    pytest.param({'second_participation': 0.05, 'second_frequency': 2900.0,
+                  'second_damping_ratio': 0.03}, marks=pytest.mark.slow),
     {'second_participation': -0.03, 'second_frequency': 640.0, 'second_damping_ratio': 0.015}])
 def test_the_second_mode_of_a_structure_is_found_beside_the_first(device, second):
     unit = device.with_effects({'mechanical_resonance': {**RINGS, **second}})

@@ -3,10 +3,12 @@
 """
 A position sensor whose error is a function of position alone.
 
-    x_m = x + x_full (4 quadratic s (1 - s) + 2.598 cubic s (1 - s^2)),     s = x/x_full
+    x_m = x + x_full (4 quadratic s (1 - s) + 2.598 cubic s (1 - s^2)
+                      + 16 quartic s (1 - s) (1 - 2 s)^2),     s = x/x_full
 
-Both terms vanish at both ends of the stroke and reach 1 between, as a catalogue
-states linearity.
+All terms vanish at both ends of the stroke and reach 1 between, as a catalogue
+states linearity.  Controllers linearise a sensor by a polynomial of the fourth
+order; what is wrong with it has that order, too.
 
 Look-alikes: ``transducer_nonlinearity`` (a function of charge),
 ``asymmetric_hysteresis`` (bows the charge too).
@@ -20,13 +22,15 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 WAVE = 1.5 * math.sqrt(3.0)  # s (1 - s^2) reaches 1/WAVE
 
 
-def apply(model, quadratic, cubic):
+def apply(model, quadratic, cubic, quartic):
     """Bow the reading over the position."""
     full = model.reference.stroke
 
     def bow(reading, time):
         s = reading / full
-        return reading + full * s * (4.0 * quadratic * (1.0 - s) + WAVE * cubic * (1.0 - s * s))
+        return reading + full * s * (
+            4.0 * quadratic * (1.0 - s) + WAVE * cubic * (1.0 - s * s)
+            + 16.0 * quartic * (1.0 - s) * (1.0 - 2.0 * s) ** 2)
 
     model.map_reading(bow)
 
@@ -39,5 +43,7 @@ EFFECT = Effect(
                   'departure from the straight line in the middle, part of the full stroke'),
         Parameter('cubic', '1', 0.0, -0.1, 0.1, 0.0,
                   'S-shaped departure, equal for both signs, part of the full stroke'),
+        Parameter('quartic', '1', 0.0, -0.1, 0.1, 0.0,
+                  'M-shaped departure, largest at 15 % and 85 %, part of the full stroke'),
     ),
     apply, channels=('displacement',))

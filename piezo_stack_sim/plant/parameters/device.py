@@ -109,6 +109,19 @@ class Device:
         """Return a copy with these effects, ``{id: {parameter: value}}``, besides its own."""
         return replace(self, effects={**self.effects, **effects})
 
+    def rounded(self, digits):
+        """Return a copy of which the stack, load and effects have so many significant digits."""
+        def short(value):
+            if isinstance(value, tuple):
+                return tuple(map(short, value))
+            return float(f'{value:.{digits}g}') if isinstance(value, float) else value
+
+        return self.replace(
+            actuator={name: short(value) for name, value in asdict(self.actuator).items()},
+            load={name: short(value) for name, value in asdict(self.load).items()},
+            effects={name: {key: short(value) for key, value in values.items()}
+                     for name, values in self.effects.items()})
+
     def to_mapping(self):
         """Return the sections and keys of a parameter file, as nested dictionaries."""
         return asdict(self)
