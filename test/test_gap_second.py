@@ -491,6 +491,11 @@ def test_a_second_effect_counts_that_shows_where_the_first_hardly_acts(
         word == 'MULTIPLE')
     relatives = {frozenset(('command_delay', 'thermal_drift'))}
     assert decide(singles, [pair], 0.8, 20.0, [], kin=relatives).word == 'CAUSE'
+    # What explains less than a relative of the first does only fills in its form, too.
+    mending = replace(pair, name='command_delay+friction', gain=6080.0, removed=first + 0.007,
+                      second=300.0, part=0.4, clear=0.0, clear_part=0.0)
+    relatives = {frozenset(('command_delay', 'friction'))}
+    assert decide(singles, [pair, mending], 0.8, 20.0, [], kin=relatives).word == 'CAUSE'
 
 
 @pytest.mark.parametrize('form, wrong, word', [

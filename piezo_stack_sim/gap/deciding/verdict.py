@@ -237,7 +237,9 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
                 return two(pair, _why_behind(cut))
         pairs = [pair for pair in pairs if all(map(cut.allows, pair.name.split('+')))]
     for pair in filter(whole, pairs):
-        if counts(best, pair, t, kin) and not is_in_the_shade(best, pair, pairs, t, kin):
+        if is_in_the_shade(best, pair, pairs, t, kin):
+            continue
+        if counts(best, pair, t, kin):
             return two(pair, _why_two(best, pair))
         if stands_clear(best, pair, t, kin):
             return two(pair, _why_clear(best, pair))
