@@ -423,7 +423,7 @@ def test_numbers_cost_what_the_rows_narrow_them_down(device):
     bow = {'quadratic': 0.01, 'cubic': 1e-4, 'quartic': 1e-4}
     coarse, fine = (spent('sensor_nonlinearity', bow, noise) for noise in (2e-9, 1e-9))
     # Each of three numbers is known twice as well.
-    assert fine - coarse == pytest.approx(3.0 * np.log(2.0), abs=0.15)
+    assert fine - coarse == pytest.approx(3.0 * np.log(2.0), abs=0.1)
     # Where a bowed transducer is right is much what the nominal ratio tells, and costs less.
     assert 5.0 < spent('transducer_nonlinearity', {'curvature': 0.01}, 1e-9) < fine
     fitter = fitter_of(device, device, recorded, np.random.default_rng(2))

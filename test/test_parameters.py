@@ -289,10 +289,10 @@ def test_rounding_takes_off_what_nobody_measures_and_no_more():
         actuator={'mass': stack.mass * (1 + 3e-14), 'maxwell_break_voltage': tuple(
             volt * (1 - 2e-13) for volt in stack.maxwell_break_voltage)},
         load={'stiffness': load.stiffness + 1e5 * (1 + 4e-12)})
-    rounded = noisy.rounded(10)
+    rounded = noisy.rounded()
     assert rounded == printed.replace(load={'stiffness': load.stiffness + 1e5})
     other = printed.replace(actuator={'mass': stack.mass * (1 + 1e-8)})
-    assert other.rounded(10) != printed
+    assert other.rounded() != printed
 
 
 def test_a_bow_that_lets_the_voltage_fall_as_the_charge_grows_is_refused():

@@ -36,7 +36,6 @@ from piezo_stack_sim.recording.preflight import preflight
 from piezo_stack_sim.recording.recording import RecordingSet
 
 
-DIGITS = 10  # of a number in corrected.yaml; more nobody measures
 SIDE_VALLEY = 3.0  # cost of what may lead out of one, over that in it
 
 
@@ -154,7 +153,7 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
     if better is not chosen:
         decision, chosen = decision.corrected(fitter, search, better), better
     progress('writing it up')
-    devices = [device.rounded(DIGITS) for device in fitter.devices_of(chosen)]
+    devices = [device.rounded() for device in fitter.devices_of(chosen)]
     after = parallel(lambda pair: simulate_channels(*pair), zip(devices, checked.recordings))
     findings = findings + noisier(evidence)
     result = build_document(recordings.name, findings, fitter, search, decision, before, after,
@@ -178,6 +177,6 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         result['traces'] = build_traces(
             checked.recordings, before, after if verdict.selected else None,
             {c: evidence.noise_rms(c) for c in evidence.channels})
-    return Diagnosis(result, fitter.device_with(chosen.effects, chosen.phi).rounded(DIGITS),
+    return Diagnosis(result, fitter.device_with(chosen.effects, chosen.phi).rounded(),
                      {r.name: d for r, d in zip(checked.recordings, devices)},
                      time.perf_counter() - started)

@@ -7,8 +7,6 @@ from __future__ import annotations
 from piezo_stack_sim.identify.identification import Identification
 from piezo_stack_sim.plant.parameters import device_from_mapping, save_device
 
-DIGITS = 10  # more of a number nobody measures
-
 UNITS = {
     'mass': 'kg', 'stiffness': 'N/m', 'damping': 'N s/m', 'linear_capacitance': 'F',
     'transformer_ratio': 'C/m', 'maxwell_stiffness': 'V/C', 'maxwell_break_voltage': 'V',
@@ -32,7 +30,7 @@ def write_actuator(found: Identification, path) -> None:
 
     """
     device = device_from_mapping(found.device.to_mapping(), f'{found.name}, identified')
-    save_device(device.rounded(DIGITS), path, comment(found))
+    save_device(device.rounded(), path, comment(found))
 
 
 def comment(found: Identification) -> str:

@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, field, replace
 
 from piezo_stack_sim.resources import config_file
 
+DIGITS = 10  # of a number that was found from recordings; more nobody measures
+
 
 @dataclass(frozen=True)
 class Actuator:
@@ -109,12 +111,12 @@ class Device:
         """Return a copy with these effects, ``{id: {parameter: value}}``, besides its own."""
         return replace(self, effects={**self.effects, **effects})
 
-    def rounded(self, digits):
-        """Return a copy of which the stack, load and effects have so many significant digits."""
+    def rounded(self):
+        """Return a copy of which the stack, load and effects have ten significant digits."""
         def short(value):
             if isinstance(value, tuple):
                 return tuple(map(short, value))
-            return float(f'{value:.{digits}g}') if isinstance(value, float) else value
+            return float(f'{value:.{DIGITS}g}') if isinstance(value, float) else value
 
         return self.replace(
             actuator={name: short(value) for name, value in asdict(self.actuator).items()},
