@@ -796,6 +796,20 @@ def test_linearity_errors_of_a_sensor_vanish_at_both_ends():
     assert twice == pytest.approx(twice[::-1], abs=1e-15)
 
 
+@pytest.mark.parametrize('name', ['quadratic', 'cubic', 'quartic'])
+def test_beyond_the_stroke_an_error_of_linearity_goes_straight_on(name):
+    model = build_model(only('sensor_nonlinearity', **{name: 0.01}))
+    full, read = model.reference.stroke, model.reading_maps[0]
+    step = 1e-4 * full
+    for end, outwards in ((0.0, -step), (full, step)):
+        inside, edge, near, far = (
+            read(np.array([end + k * outwards]), 0.0)[0] for k in (-1, 0, 1, 3000))
+        assert edge == pytest.approx(end, abs=1e-12 * full)
+        # No corner at the end, and no bend after it.
+        assert near - edge == pytest.approx(edge - inside, rel=1e-3)
+        assert far - edge == pytest.approx(3000 * (near - edge), rel=1e-9)
+
+
 # -- energy ------------------------------------------------------------------------
 
 # A mode that is only read, and what a driver or a sensor does, carry no energy of the stack.

@@ -7,7 +7,8 @@ A position sensor whose error is a function of position alone.
                       + 16 quartic s (1 - s) (1 - 2 s)^2),     s = x/x_full
 
 All terms vanish at both ends of the stroke and reach 1 between, as a catalogue
-states linearity.  Controllers linearise a sensor by a polynomial of the fourth
+states linearity.  Beyond the ends, where a force pushes or a voltage below zero
+pulls, the error goes straight on: there a polynomial would run away.  Controllers linearise a sensor by a polynomial of the fourth
 order; what is wrong with it has that order, too.
 
 Look-alikes: ``transducer_nonlinearity`` (a function of charge),
@@ -17,6 +18,8 @@ Source: piezosystem jena and PI, 0.05 to 1 % of the range.
 
 import math
 
+import numpy as np
+
 from piezo_stack_sim.effects.base import Effect, Parameter
 
 WAVE = 1.5 * math.sqrt(3.0)  # s (1 - s^2) reaches 1/WAVE
@@ -25,12 +28,18 @@ WAVE = 1.5 * math.sqrt(3.0)  # s (1 - s^2) reaches 1/WAVE
 def apply(model, quadratic, cubic, quartic):
     """Bow the reading over the position."""
     full = model.reference.stroke
+    at_zero = 4.0 * quadratic + WAVE * cubic + 16.0 * quartic
+    at_full = -4.0 * quadratic - 2.0 * WAVE * cubic - 16.0 * quartic
 
     def bow(reading, time):
         s = reading / full
-        return reading + full * s * (
-            4.0 * quadratic * (1.0 - s) + WAVE * cubic * (1.0 - s * s)
-            + 16.0 * quartic * (1.0 - s) * (1.0 - 2.0 * s) ** 2)
+        within = np.clip(s, 0.0, 1.0)
+        error = within * (1.0 - within) * (
+            4.0 * quadratic + WAVE * cubic * (1.0 + within)
+            + 16.0 * quartic * (1.0 - 2.0 * within) ** 2)
+        beyond = s - within
+        slope = np.where(s < 0.0, at_zero, at_full)
+        return reading + full * (error + slope * beyond)
 
     model.map_reading(bow)
 
