@@ -290,6 +290,7 @@ def test_a_slow_gap_in_one_recording_is_structure_however_few_of_its_rows_are_in
                 > DEFAULTS.excess) == told
 
 
+@pytest.mark.slow
 def test_a_file_that_is_sure_of_its_numbers_has_them_kept(device):
     from piezo_stack_sim.gap import diagnose_set
     sure = device.replace(actuator=device.actuator.replace(relative_uncertainty=0.0))

@@ -320,6 +320,7 @@ def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
     assert found['leakage']['resistance'] == pytest.approx(1e8, rel=0.05)
 
 
+@pytest.mark.slow
 def test_what_resembles_a_pair_is_judged_where_neither_of_the_two_was_asked_alone(device):
     true = device.with_effects({'sensor_lag': {'time_constant': 5e-5},
                                 'sensor_gain': {'gain_error': 0.02}})

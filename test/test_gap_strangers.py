@@ -167,7 +167,7 @@ def reads_by(channel, factor=1.0, lag=None, shift=0.0):
 @pytest.mark.parametrize('channel, factor, lag, shift, says', [
     slow('charge', 1.05, None, 0.0, 'reads about 5.0 % too much'),
     ('charge', 0.96, None, 0.0, 'reads about 4.0 % too little'),
-    ('charge', 1.0, 2e-3, 0.0, 'has a lag of about 2.0 ms'),
+    slow('charge', 1.0, 2e-3, 0.0, 'has a lag of about 2.0 ms'),
     slow('voltage', 1.03, None, 0.0, 'reads about 3.0 % too much'),
     slow('voltage', 1.0, 5e-4, 0.0, 'has a lag of about 500 µs'),
     slow('charge', 1.0, None, 3e-4, 'comes late by about 300 µs'),
@@ -203,12 +203,13 @@ def test_what_is_wrong_and_followed_is_no_wrong_reading(device, effect):
 
 
 @pytest.mark.parametrize('spoil, played, channels, block', [
-    (runs_slow, None, ('displacement',), 'sensor'), (has_play, None, ALL, 'mechanical'),
+    (runs_slow, None, ('displacement',), 'sensor'), slow(has_play, None, ALL, 'mechanical'),
     slow(leaks, None, ALL, 'sensor'), slow(forgets, None, ALL, 'sensor'),
-    (jumps, None, ('charge', 'displacement'), 'electrical'), (warms, None, ALL, 'transducer'),
-    slow(is_averaged, None, ALL, 'sensor'), (starts_anyhow, None, ('displacement',), 'sensor'),
+    slow(jumps, None, ('charge', 'displacement'), 'electrical'),
+    (warms, None, ALL, 'transducer'), slow(is_averaged, None, ALL, 'sensor'),
+    slow(starts_anyhow, None, ('displacement',), 'sensor'),
     (wanders, None, ('displacement',), 'sensor'),
-    (None, warms_up, ('charge', 'displacement'), 'drive')])
+    slow(None, warms_up, ('charge', 'displacement'), 'drive')])
 def test_a_stranger_is_known_by_what_it_leaves_beside_re_tuned_parameters(
         device, spoil, played, channels, block):
     stack = device.actuator
@@ -321,8 +322,8 @@ def vibrates(device, programme, clean):
 
 
 @pytest.mark.parametrize('spoil, told', [
-    (alternates, True), (bends, False), (vibrates, False), (has_play, False), (runs_slow, False),
-    (None, False)])
+    (alternates, True), (bends, False), slow(vibrates, False), slow(has_play, False),
+    slow(runs_slow, False), (None, False)])
 @pytest.mark.parametrize('not_felt, block', [(False, 'mechanical'), (True, 'sensor')])
 def test_a_force_that_alternates_along_the_way_is_told_by_its_pitch(
         device, spoil, told, not_felt, block):

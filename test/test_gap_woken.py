@@ -63,7 +63,8 @@ RINGS = {'participation': 0.2, 'frequency': 1830.0, 'damping_ratio': 0.02}
 @pytest.mark.parametrize('second', [
     pytest.param({'second_participation': 0.05, 'second_frequency': 2900.0,
                   'second_damping_ratio': 0.03}, marks=pytest.mark.slow),
-    {'second_participation': -0.03, 'second_frequency': 640.0, 'second_damping_ratio': 0.015}])
+    pytest.param({'second_participation': -0.03, 'second_frequency': 640.0,
+                  'second_damping_ratio': 0.015}, marks=pytest.mark.slow)])
 def test_the_second_mode_of_a_structure_is_found_beside_the_first(device, second):
     unit = device.with_effects({'mechanical_resonance': {**RINGS, **second}})
     fitter = fitter_of(device, unit, (programmes.multisine(), programmes.triangle()),

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from time import sleep
 
 from numba import njit
 import numpy as np
@@ -497,6 +498,31 @@ def test_compiled_code_is_not_kept_when_what_it_calls_has_changed(tmp_path):
     with open(package / 'plant' / 'layout.py', 'a', encoding='utf-8') as file:
         file.write('# changed\n')
     assert (hits(), hits()) == ('0', '1')
+
+
+def test_of_several_that_need_the_same_code_one_compiles_it(monkeypatch):
+    compiled, all_ask = [], threading.Barrier(3)
+
+    def is_compiled():
+        if not asked.done:
+            asked.done = True
+            all_ask.wait(20.0)  # all have seen that nothing is compiled
+            return False
+        return bool(compiled)
+
+    class Asked(threading.local):
+        done = False
+
+    asked = Asked()
+    monkeypatch.setattr(compilation, 'is_compiled', is_compiled)
+    monkeypatch.setattr(compilation, '_compile_both', lambda: compiled.append(sleep(0.1)))
+    others = [threading.Thread(target=compilation.compile_kernels) for _ in range(2)]
+    for other in others:
+        other.start()
+    compilation.compile_kernels()
+    for other in others:
+        other.join(20.0)
+    assert len(compiled) == 1
 
 
 @pytest.mark.parametrize('used', [0, 1, 5, 7])

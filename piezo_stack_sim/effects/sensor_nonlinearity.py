@@ -8,8 +8,9 @@ A position sensor whose error is a function of position alone.
 
 All terms vanish at both ends of the stroke and reach 1 between, as a catalogue
 states linearity.  Beyond the ends, where a force pushes or a voltage below zero
-pulls, the error goes straight on: there a polynomial would run away.  Controllers linearise a sensor by a polynomial of the fourth
-order; what is wrong with it has that order, too.
+pulls, the error goes straight on: there a polynomial would run away.
+Controllers linearise a sensor by a polynomial of the fourth order; what is
+wrong with it has that order, too.
 
 Look-alikes: ``transducer_nonlinearity`` (a function of charge),
 ``asymmetric_hysteresis`` (bows the charge too).

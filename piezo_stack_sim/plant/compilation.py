@@ -12,10 +12,14 @@ compiled while it runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import hashlib
 import os
+from pathlib import Path
 import subprocess
 import sys
+import tempfile
 import threading
 
 import numpy as np
@@ -86,6 +90,28 @@ def compile_kernels() -> None:
     """Make sure that both kernels are compiled; where they are, this takes no time."""
     if is_compiled():
         return
+    with _one_at_a_time():
+        if not is_compiled():
+            _compile_both()
+
+
+@contextmanager
+def _one_at_a_time() -> Iterator[None]:
+    """Let who needs the same code wait for it: each of several would take as long as one."""
+    try:
+        import fcntl
+        place = hashlib.sha256(str(kernel.run._cache.cache_path).encode()).hexdigest()[:16]
+        name = f'piezo_stack_sim-{os.getuid()}-{place}.lock'
+        lock = open(Path(tempfile.gettempdir()) / name, 'w')
+    except (ImportError, AttributeError, OSError):
+        yield  # twice the work, and the same code
+        return
+    with lock:  # whoever dies lets go of it
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _compile_both() -> None:
     with subprocess.Popen([sys.executable, '-m', __name__, 'modes'], stdout=subprocess.PIPE,
                           stderr=subprocess.DEVNULL) as helper:
         try:
