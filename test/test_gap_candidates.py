@@ -67,10 +67,13 @@ def test_parameters_that_an_effect_found_are_tried_without_it(device, near, come
     fitter = unit_of(device, 30)
     # As left in a valley, and what an effect that does nothing found beside another.
     stuck, free = fitter.fit({}, steps=0), tune(fitter)
-    search = Search(stuck, {'creep': replace(free, effects={'creep': {'gain_per_decade': 0.0}})})
+    search = Search(stuck, {'creep': replace(free, effects={'creep': {'gain_per_decade': 0.0}}),
+                            'creep+sensor_lag': stuck})  # two that never did any better
     least = near if comes else near * free.cost / stuck.cost / 2.0
     assert tune_as_best(fitter, search, least) == comes
     assert (search.nominal.cost < 1.02 * fitter.rows.size) == comes
+    assert set(search.fits['creep+sensor_lag'].effects) == (
+        {'creep', 'sensor_lag'} if comes else set())
 
 
 @pytest.mark.parametrize('effects, idle', [

@@ -148,6 +148,15 @@ def test_noise_is_nothing_that_the_command_could_predict(removed, ceiling, word)
     assert word == 'NO_GAP' or 'a flexible correction 80 %' in verdict.reason
 
 
+@pytest.mark.parametrize('structure, ceiling, removed, word', [
+    (0.2, 0.0, 0.0, 'NO_GAP'), (0.2, 0.2, 0.0, 'UNKNOWN'), (0.2, 0.0, 0.2, 'UNKNOWN'),
+    (0.3, 0.0, 0.0, 'UNKNOWN')])
+def test_a_little_that_nothing_foretells_is_no_structure(structure, ceiling, removed, word):
+    best = Ranked('a', 20.0, removed, 1, excess=structure)
+    verdict = decide([best, Ranked('z', -10.0, 0.0, 1)], [], ceiling, structure, [])
+    assert verdict.word == word
+
+
 def test_who_removes_most_of_a_gap_comes_before_who_predicts_more_rows_and_removes_little():
     quiet, loud = Ranked('sensor_lag', 900.0, 0.1, 1, 0.7), Ranked('friction', 200.0, 0.9, 1, 0.4)
     other = Ranked('contact', 150.0, 0.3, 1, 0.8)

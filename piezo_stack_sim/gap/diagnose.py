@@ -140,7 +140,9 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         judge = judge_of(fitter, search)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
-    ceiling = Removable(evidence, search.nominal.residual).share(flexible)
+    removable = Removable(evidence, search.nominal.residual)
+    # Of less than structure a share tells nothing: slow noise is foretold by its neighbours, too.
+    ceiling = removable.share(flexible) if removable.loudest > thresholds.excess else 0.0
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
     decision = doubted(fitter, search, decision, thresholds)
     if decision.verdict.word == 'NO_GAP' and _asks_nothing(evidence, before):

@@ -63,6 +63,9 @@ class Decision:
         return replace(self, singles=_singles(fitter, search, self.judge, self.removable))
 
 
+NOTHING = 0.05  # excess of a channel over the power of its noise in which nothing is removable
+
+
 class Removable:
     """How much of the gap of a set a residual has left, all channels together."""
 
@@ -71,13 +74,19 @@ class Removable:
         self.noise = noise_power(evidence)
         self.base = channel_power(evidence, base)
 
+    @property
+    def loudest(self) -> float:
+        """Return the largest excess of a channel as a whole over the power of its noise."""
+        return max((self.base[channel] / noise - 1.0 for channel, noise in self.noise.items()),
+                   default=0.0)
+
     def share(self, residual: np.ndarray) -> float:
         """Return S pooled over the channels, each in units of its noise."""
         now = channel_power(self.evidence, residual)
         gap = left = 0.0
         for channel, noise in self.noise.items():
             excess = self.base[channel] - noise
-            if excess > 0.05 * noise:
+            if excess > NOTHING * noise:
                 # The root keeps a channel with a huge gap from hiding the others.
                 weight = 1.0 / math.sqrt(excess * noise)
                 gap += weight * excess

@@ -20,6 +20,7 @@ class Thresholds:
     detect: float = 12.0  # gain of the best effect over none that counts as a gap
     sure: float = 40.0  # gain that counts as a gap even where hardly any power is left
     excess: float = 0.12  # mean square beyond that of the noise that counts as structure
+    unforetold: float = 0.25  # and where neither an effect nor a flexible correction tells of it
     temperature: float = 2.5  # nats by which two effects must differ to be told apart
     occam: float = 0.2  # log odds that a number which an effect may choose costs it
     form: float = 0.01  # part of the gain by which the true form of a cause may mislead

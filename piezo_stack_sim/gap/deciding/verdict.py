@@ -268,7 +268,10 @@ def decide(singles: list[Ranked], pairs: list[Ranked], ceiling: float, structure
         alone or best.removed > t.clear_first)
     weak = not clear and not obvious and (best.gain < t.detect + 2.0 * best.parameters
                                           or explained < t.explained)
-    if structure < t.excess and not clear and (poor or weak) and ceiling < t.predicted:
+    # A little more than the noise in one recording, of which nothing that was commanded or
+    # simulated tells any part, is no structure either.
+    quiet = structure < (t.excess if max(ceiling, best.removed) > t.trace else t.unforetold)
+    if quiet and not clear and (poor or weak) and ceiling < t.predicted:
         return Verdict('NO_GAP', (), (), 'what is left after re-tuning the nominal '
                        'parameters within their uncertainty is noise', t.nothing,
                        1.0 - t.nothing)

@@ -365,9 +365,10 @@ def drop_idle(fitter: Fitter, search: Search) -> None:
 
 
 def _untouched(name: str, nominal: Fit) -> Fit:
-    """Return the fit of an effect that promises nothing: neutral."""
-    neutral = {p.name: p.neutral for p in EFFECTS[name].parameters}
-    return replace(nominal, effects={name: neutral}, view=None, simulations=0)
+    """Return the fit of an effect, or of two, that promise nothing: neutral."""
+    neutral = {each: {p.name: p.neutral for p in EFFECTS[each].parameters}
+               for each in name.split('+')}
+    return replace(nominal, effects=neutral, view=None, simulations=0)
 
 
 def polish(fitter: Fitter, search: Search, best: list[str]) -> None:
