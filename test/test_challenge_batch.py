@@ -50,6 +50,7 @@ def test_the_same_seed_makes_the_same_bytes(short, tmp_path):
     assert (other / 'labels.sha256').read_text() != (first / 'labels.sha256').read_text()
 
 
+@pytest.mark.slow
 def test_a_patchy_batch_is_the_same_but_for_its_holes(short, tmp_path):
     """The same devices, the same noise; some readings are missing, and the reader says so."""
     from piezo_stack_sim.recording.read import read_set

@@ -54,7 +54,8 @@ def test_a_unit_within_its_uncertainty_is_tuned_to_the_noise(device, seed):
 
 
 @pytest.mark.parametrize('effect, seed', [
-    ({'creep': {'gain_per_decade': 0.01}}, 30), ({'sensor_nonlinearity': {'quadratic': 0.01}}, 36),
+    pytest.param({'creep': {'gain_per_decade': 0.01}}, 30, marks=pytest.mark.slow),
+    pytest.param({'sensor_nonlinearity': {'quadratic': 0.01}}, 36, marks=pytest.mark.slow),
     ({'parallel_stiffness': {'stiffness': 3e6}}, 37)])
 def test_the_best_effect_is_led_out_of_side_valleys_of_the_parameters_too(device, effect, seed):
     fitter = unit_of(device, seed, **effect)
@@ -338,7 +339,7 @@ def test_a_resonance_that_only_follows_is_looked_at_without_simulating_it(device
         fitter.evidence.keys, spans(fitter.evidence)) if channel == 'charge')
 
 
-@pytest.mark.parametrize('mass', [4.4e-3, 0.0137])
+@pytest.mark.parametrize('mass', [4.4e-3, pytest.param(0.0137, marks=pytest.mark.slow)])
 def test_a_mass_on_a_joint_is_found_by_slow_recordings_alone(device, mass):
     # A resonance that is moved is seen from one place of the ladder, and hardly from the next.
     fitter = fitter_of(device, device.with_effects({'added_mass': {

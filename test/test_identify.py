@@ -132,7 +132,7 @@ def test_what_never_slips_leaves_stiffness_capacitance_and_ratio_open():
 
 
 @pytest.mark.parametrize('channels', [CHANNELS, ('displacement',)])
-@pytest.mark.parametrize('device', [STACK, PAPER])
+@pytest.mark.parametrize('device', [STACK, pytest.param(PAPER, marks=pytest.mark.slow)])
 def test_a_slow_ramp_leaves_the_converse_effect_open(device, channels):
     """One ramp shows how T/C and k + T^2/C go together, and neither of them."""
     truth = known(device)
@@ -301,6 +301,7 @@ def test_what_was_wired_the_wrong_way_round_is_asked_for(tmp_path, capsys, chann
     assert main([*arguments, '--unit', mend]) == 0
 
 
+@pytest.mark.slow
 def test_a_mass_whose_resonance_lies_beyond_the_rows_is_not_determined():
     slower = programmes.multisine(
         period=0.04, periods=2, lines=25, band=(50.0, 4000.0), rate=20e3)
