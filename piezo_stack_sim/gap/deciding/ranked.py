@@ -82,7 +82,7 @@ class Thresholds:
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
     one: tuple[float, float, float] = (3.2, -4.0, -0.5)
-    two: tuple[float, float, float] = (1.6, 0.0, 0.0)  # the same for two
+    two: tuple[float, float, float] = (2.0, 0.0, 0.0)  # the same for two
     left_open: float = 0.93  # by which it is less sure that the cause is among those of a tie
     nothing: float = 0.95  # how often NO_GAP is right
     unknown: float = 0.95  # and UNKNOWN
