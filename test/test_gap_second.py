@@ -351,6 +351,25 @@ def test_a_relative_that_leaves_a_twentieth_of_the_gap_need_not_reach_the_noise(
     assert decide(singles, [pair], 0.84, 5e4, [], kin=kin).word == word
 
 
+@pytest.mark.parametrize('alone, numbers, word', [
+    (0.923, {}, 'MULTIPLE'),
+    (0.955, {}, 'CAUSE'),  # a form may miss so much
+    (0.923, {'removed': 0.9972}, 'CAUSE'),  # and what fills it in, leave so little
+    (0.923, {'excess': 8.0}, 'CAUSE'),
+    (0.923, {'part': 0.7}, 'CAUSE'),
+    (0.923, {'form': 200.0}, 'CAUSE'),
+    (0.923, {'wrong': 0.1}, 'CAUSE'),
+    (0.923, {'clear': 120.0}, 'CAUSE')])
+def test_what_fills_in_the_form_of_the_first_counts_where_no_form_misses_so_much(
+        alone, numbers, word):
+    singles = [Ranked('transducer_ratio', 3242.0, alone, 2, 0.046, 140.6),
+               Ranked('leakage', 100.0, 0.3, 1, 0.9, 660.0)]
+    pair = replace(Ranked('transducer_ratio+series_compliance', 3321.0, 0.9991, 4, 0.031, 0.19,
+                          second=183.0, part=0.83, clear=159.0, clear_part=0.82, over=192.0,
+                          form=636.0, wrong=0.02), **numbers)
+    assert decide(singles, [pair], 0.99, 2600.0, []).word == word
+
+
 @pytest.mark.parametrize('alone, together, word', [
     (3.5, 0.6, 'MULTIPLE'), (3.5, 1.7, 'CAUSE'), (0.4, 0.1, 'CAUSE')])
 def test_a_second_effect_counts_that_quietens_the_loudest_recording(alone, together, word):

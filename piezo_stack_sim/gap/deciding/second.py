@@ -113,9 +113,10 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     """
     one, other = pair.name.split('+')
     if not (t.second < pair.over < math.inf and t.excused < pair.form < math.inf
-            and pair.wrong < t.misformed and are_relatives(best, pair, kin)
-            and not are_alike_in_form(one, other)):
+            and pair.wrong < t.misformed and are_relatives(best, pair, kin)):
         return False
+    if are_alike_in_form(one, other):
+        return _is_more_than_form(best, pair, t)
     if EFFECTS[one].is_late and EFFECTS[other].is_late:
         # A filter of two poles is a lag with a delay, whichever way one looks at it: only what
         # comes late in a channel that the first does not reach is another.
@@ -138,6 +139,20 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
     silences = (best.excess > t.heard and quiet
                 and 1.0 - pair.removed < t.completes * (1.0 - best.removed))
     return silences or _is_clear_of_relative(pair, t)
+
+
+def _is_more_than_form(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether a second that fills in what the form of the first misses is needed all the same.
+
+    Where the first leaves more than forms miss, and with the second hardly anything is left: of
+    the gap, of the recording left loudest, where the first hardly acts, and of its own form.
+    """
+    return (best.name in pair.name.split('+') and best.removed < t.formless
+            and 1.0 - pair.removed < t.completes * (1.0 - best.removed)
+            and pair.excess < t.twentieth * best.excess and pair.part > t.nearly_all
+            and pair.form > t.formed and pair.wrong < t.unmistaken
+            and _is_clear_of_relative(pair, t))
 
 
 def _is_clear_of_relative(pair: Ranked, t: Thresholds) -> bool:
