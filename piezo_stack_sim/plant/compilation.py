@@ -14,12 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import hashlib
 import os
 from pathlib import Path
 import subprocess
 import sys
-import tempfile
 import threading
 
 import numpy as np
@@ -100,9 +98,8 @@ def _one_at_a_time() -> Iterator[None]:
     """Let who needs the same code wait for it: each of several would take as long as one."""
     try:
         import fcntl
-        place = hashlib.sha256(str(kernel.run._cache.cache_path).encode()).hexdigest()[:16]
-        name = f'piezo_stack_sim-{os.getuid()}-{place}.lock'
-        lock = open(Path(tempfile.gettempdir()) / name, 'w')
+        # Beside the code: where others may write, one of them could have put a link.
+        lock = open(Path(kernel.run._cache.cache_path) / 'compiling.lock', 'a')
     except (ImportError, AttributeError, OSError):
         yield  # twice the work, and the same code
         return
