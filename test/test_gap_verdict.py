@@ -5,9 +5,9 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-from piezo_stack_sim.gap.deciding.decision import _simpler
+from piezo_stack_sim.gap.deciding.decision import _simpler, ceiling_of
 from piezo_stack_sim.gap.deciding.isolability import Alike
-from piezo_stack_sim.gap.deciding.ranked import Ranked
+from piezo_stack_sim.gap.deciding.ranked import DEFAULTS, Ranked
 from piezo_stack_sim.gap.deciding.verdict import decide, outscored, probabilities, tie_pairs
 import pytest
 
@@ -146,6 +146,15 @@ def test_noise_is_nothing_that_the_command_could_predict(removed, ceiling, word)
     verdict = decide([best, Ranked('z', -10.0, 0.0, 1)], [], ceiling, 0.05, [])
     assert verdict.word == word
     assert word == 'NO_GAP' or 'a flexible correction 80 %' in verdict.reason
+
+
+@pytest.mark.parametrize('channel, recording, counts', [
+    (0.08, 0.0, False), (0.3, 0.0, True), (0.08, 0.2, True)])
+def test_a_flexible_correction_counts_only_of_a_gap(channel, recording, counts):
+    removable = SimpleNamespace(loudest=channel, share=lambda residual: 0.9)
+    judge = SimpleNamespace(structure=lambda residual: recording)
+    ceiling = ceiling_of(judge, removable, None, None, DEFAULTS)
+    assert ceiling == (0.9 if counts else 0.0)
 
 
 @pytest.mark.parametrize('structure, ceiling, removed, word', [

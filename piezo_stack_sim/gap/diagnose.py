@@ -17,7 +17,8 @@ import time
 import numpy as np
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.deciding.ablation import ablations
-from piezo_stack_sim.gap.deciding.decision import decide_search, judge_of, Removable, search_pairs
+from piezo_stack_sim.gap.deciding.decision import (
+    ceiling_of, decide_search, judge_of, Removable, search_pairs)
 from piezo_stack_sim.gap.deciding.doubt import doubted
 from piezo_stack_sim.gap.deciding.isolability import isolability
 from piezo_stack_sim.gap.deciding.ranked import DEFAULTS, Thresholds
@@ -140,9 +141,8 @@ def diagnose_set(recordings: RecordingSet, device: Device, progress: Callable = 
         judge = judge_of(fitter, search)
     progress('asking what a flexible correction could explain')
     flexible = blackbox.flexible_correction(evidence, before, search.nominal.residual)
-    removable = Removable(evidence, search.nominal.residual)
-    # Of less than structure a share tells nothing: slow noise is foretold by its neighbours, too.
-    ceiling = removable.share(flexible) if removable.loudest > thresholds.excess else 0.0
+    nominal = search.nominal.residual
+    ceiling = ceiling_of(judge, Removable(evidence, nominal), nominal, flexible, thresholds)
     decision = decide_search(fitter, search, judge, ceiling, alike, thresholds, progress, cut)
     decision = doubted(fitter, search, decision, thresholds)
     if decision.verdict.word == 'NO_GAP' and _asks_nothing(evidence, before):

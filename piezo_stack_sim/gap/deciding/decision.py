@@ -32,6 +32,7 @@ PAIRS_SHOWN = 5  # pairs that are looked at in detail
 LEADING = 3  # pairs that are asked what each of the two does alone, if they lose less than one
 PLAIN_STEPS = 8  # of the first effect of a pair that counts, by all rows alike
 CLEARLY = 0.01  # part of the gap by which that must remove more
+NOTHING = 0.05  # excess of a channel over the power of its noise in which nothing is removable
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,6 @@ class Decision:
         return replace(self, singles=_singles(fitter, search, self.judge, self.removable))
 
 
-NOTHING = 0.05  # excess of a channel over the power of its noise in which nothing is removable
-
-
 class Removable:
     """How much of the gap of a set a residual has left, all channels together."""
 
@@ -92,6 +90,29 @@ class Removable:
                 gap += weight * excess
                 left += weight * max(now[channel] - noise, 0.0)
         return 1.0 - left / gap if gap > 0.0 else 0.0
+
+
+def ceiling_of(judge: Judge, removable: Removable, nominal: np.ndarray, flexible: np.ndarray,
+               thresholds: Thresholds) -> float:
+    """
+    Return the part of the removable gap that a flexible correction removes.
+
+    Of a gap that is none a share tells nothing: slow noise is foretold by its neighbours, too.
+
+    Parameters
+    ----------
+    judge : Judge
+        Knows what is chance.
+    removable : Removable
+        The gap.
+    nominal, flexible : ndarray, shape (N,)
+        What the re-tuned nominal device leaves, and what the correction leaves of that.
+    thresholds : Thresholds
+        From when on a gap is one.
+
+    """
+    gap = max(removable.loudest, judge.structure(nominal))
+    return removable.share(flexible) if gap > thresholds.excess else 0.0
 
 
 def count(fit: Fit) -> int:
