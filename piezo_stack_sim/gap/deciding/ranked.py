@@ -52,7 +52,7 @@ class Thresholds:
     still: float = 0.6  # part of what the first leaves, all tracks alike, that two may leave
     stays: float = 0.75  # or else, by the power of the gap
     alone: float = 0.85  # part removed by one effect beyond which no relative is its second
-    formless: float = 0.95  # or below which the form of one hardly misses what it leaves
+    formless: float = 0.95  # or below which one leaves more than its form can miss
     relative_part: float = 0.6  # and the part that a relative must explain
     relative_clear: float = 150.0  # or else nats that it must explain where the first hardly acts
     relative_clear_part: float = 0.65  # and the part of what is left there

@@ -105,7 +105,8 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
 
     A relative fills in what the form of the first misses, but not to the noise where that is
     loud, nor to a hundredth where that is far from it, nor most of what is left where the first
-    hardly acts.  Unless it is known to be just what that form misses.  What explains nearly all
+    hardly acts.  Of one that is known to be just what that form misses it takes all of this, and
+    a first that leaves more than forms miss.  What explains nearly all
     that stood out of the noise, and leaves no more than that, or hardly anything of the gap,
     needs fewer nats; what leaves a twentieth of the gap, and is far more than an error of form,
     need not reach the noise.  Nor does what explains more than half of what is left, in many
