@@ -19,6 +19,7 @@ from piezo_stack_sim.gap.fitting.fit import _inverse, Fit, Fitter
 from piezo_stack_sim.gap.fitting.nominal import Nuisance
 from piezo_stack_sim.gap.fitting.pairs import _promise
 from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of
+from piezo_stack_sim.gap.fitting.swings import apart, History
 from piezo_stack_sim.gap.measured.forward import (
     followed, residuals, settling_time, simulate_set, spans)
 from piezo_stack_sim.plant import Device, simulate
@@ -180,6 +181,26 @@ def test_earlier_swings_are_found_to_the_noise(device, swings):
         'initial_polarisation', 'asymmetric_hysteresis', 'stiffness_hardening'))
     assert search.nominal.cost > 10.0 * fitter.rows.size
     assert search.fits['initial_polarisation'].cost < 1.1 * fitter.rows.size
+
+
+@pytest.mark.parametrize('starts, peaks', [
+    ((40.0, 55.0), [50.0]), ((-30.0, 55.0, 40.0), [50.0, -20.0])])
+def test_swings_that_meet_are_searched_once(starts, peaks):
+    # Two valleys, the one at 50 V the deeper, each with a turn at a quarter of its peak, back.
+    def cost(place):
+        peak, turn, _ = place.values()
+        nearest = min((50.0, -20.0), key=lambda valley: abs(peak - valley))
+        return 1e3 + (0.0 if nearest > 0.0 else 200.0) + (peak - nearest) ** 2 + (
+            turn + 0.25 * nearest) ** 2
+
+    names = 'peak_voltage', 'turn_voltage', 'return_voltage'
+    histories = [History('initial_polarisation', dict(zip(names, (start, 0.0, 0.0))), cost)
+                 for start in starts]
+    found = apart([history.first() for history in histories])
+    assert [led.place['peak_voltage'] for led in found] == pytest.approx(peaks, rel=0.02)
+    whole = histories[0].others(found[0])
+    assert whole.place['turn_voltage'] == pytest.approx(-0.25 * peaks[0], abs=1.0)
+    assert whole.cost < found[0].cost
 
 
 @pytest.mark.parametrize('cost, starts', [

@@ -23,7 +23,7 @@ from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.fitting.descent import WIDE
 from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, STEPS, TONE
 from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of
-from piezo_stack_sim.gap.fitting.swings import FALLEN, find_history
+from piezo_stack_sim.gap.fitting.swings import apart, FALLEN, History
 from piezo_stack_sim.gap.measured.evidence import quieter, reweigh
 from piezo_stack_sim.gap.measured.forward import (
     followed, settling_time, simulate_channels, simulate_set)
@@ -160,11 +160,9 @@ def search_singles(fitter: Fitter, progress: Callable[[str], None],
     search.probes.update({name: [] for name in names})
     for probe_ in parallel(probe, [(name, place) for name in names for place in places[name]]):
         search.probes[probe_.effect].append(probe_)
-    swung = [p for name, probes in search.probes.items() if EFFECTS[name].swings
-             for p in _distinct(probes)[:SWUNG_PLACES]]
-    for probe_ in parallel(lambda p: _led(fitter, p, nominal), swung):
-        search.probes[probe_.effect].append(probe_)
     for name, probes in search.probes.items():
+        if EFFECTS[name].swings:
+            probes += _led(fitter, name, _distinct(probes)[:SWUNG_PLACES], nominal)
         probes.sort(key=lambda p: -p.order)
         search.fits[name] = _untouched(name, nominal)
     best = max(p.gain for probes in search.probes.values() for p in probes)
@@ -459,18 +457,26 @@ def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit,
     return Probe(name, there, directions, promise, promise, place)
 
 
-def _led(fitter: Fitter, probe: Probe, nominal: Fit) -> Probe:
-    """Return a better place near one of an effect that is a history of swings."""
+def _led(fitter: Fitter, name: str, probes: list[Probe], nominal: Fit) -> list[Probe]:
+    """Return better places near those of an effect that is a history of swings."""
     filed = np.zeros_like(nominal.phi)
+    now = fitter.cost(nominal.residual, nominal.phi)
 
     def retuned(place):
-        return fitter.retuned(fitter.residual_of({probe.effect: place}, filed), filed)
+        return fitter.retuned(fitter.residual_of({name: place}, filed), filed)
 
-    now = fitter.cost(nominal.residual, nominal.phi)
-    place, cost = find_history(probe.effect, probe.place, lambda place: retuned(place)[0],
-                               (SETTLED * fitter.rows.size, FALLEN * now))
-    promise = now - cost
-    return Probe(probe.effect, place, None, promise, promise, Place(place, {}), retuned(place)[1])
+    def first(probe):
+        return History(name, probe.place, lambda place: retuned(place)[0]).first()
+
+    def whole(led):
+        if SETTLED * fitter.rows.size < led.cost < FALLEN * now:
+            led = History(name, led.place, lambda place: retuned(place)[0]).others(led)
+        promise = now - led.cost
+        return Probe(name, led.place, None, promise, promise, Place(led.place, {}),
+                     retuned(led.place)[1])
+
+    # From several places the first often comes to one, from which all are searched once.
+    return parallel(whole, apart(parallel(first, probes)))
 
 
 def probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:

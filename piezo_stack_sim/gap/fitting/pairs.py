@@ -24,7 +24,7 @@ from piezo_stack_sim.gap.fitting.candidates import (
 from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, TONE
 from piezo_stack_sim.gap.fitting.form import are_alike_in_form, Forms
 from piezo_stack_sim.gap.fitting.lens import Cells
-from piezo_stack_sim.gap.fitting.swings import FALLEN, find_history
+from piezo_stack_sim.gap.fitting.swings import FALLEN, History
 from piezo_stack_sim.gap.fitting.woken import has_late, woken
 from piezo_stack_sim.gap.quantities import words
 
@@ -90,10 +90,12 @@ def search_partners(fitter: Fitter, search: Search, base: str,
     def whole(place):
         name, values = place
         if EFFECTS[name].swings:
-            values, _ = find_history(
-                name, values, lambda values: weighed.cost_beside(
-                    weighed.residual_of({**fit.effects, name: values}, fit.phi, fit), aside),
-                (0.0, FALLEN * weighed.cost_beside(fit.residual, aside)))
+            history = History(name, values, lambda values: weighed.cost_beside(
+                weighed.residual_of({**fit.effects, name: values}, fit.phi, fit), aside))
+            led = history.first()
+            if led.cost < FALLEN * weighed.cost_beside(fit.residual, aside):
+                led = history.others(led)
+            values = led.place
         pair = weighed.fit({**fit.effects, name: values}, fit.phi, FIRST_STEPS, beside=fit)
         left = plainly
         if (name in loud or pair.cost > without) and name != TONE:

@@ -52,8 +52,8 @@ def meet(fitter: Fitter, nominal: Fit) -> Met | None:
     """
     channels = set(fitter.evidence.channels)
     around = _Around(fitter, nominal)
-    met = [_met(around, stranger) for stranger in STRANGERS
-           if any(need <= channels for need in stranger.needs)]
+    met = parallel(lambda stranger: _met(around, stranger), [
+        stranger for stranger in STRANGERS if any(need <= channels for need in stranger.needs)])
     return min(met, key=lambda one: one.cost, default=None)
 
 
@@ -64,12 +64,13 @@ def _met(around: _Around, stranger: Stranger) -> Met:
     for again in range(AGAIN):
         if again:
             device, outputs, base = around.at(phi)
+        left = around.cleared(around.lens(base))
         # Where it was best at first it is about best again, the parameters re-tuned beside it.
         sizes = list(stranger.sizes(outputs) if best is None else stranger.near(best))
 
         def ask(size):
             change = residuals_of(evidence, stranger.put(device, evidence, outputs, size)) - base
-            return around.cost(base, change, stranger.any_scale)
+            return around.cost(left, change, stranger.any_scale)
 
         if best is not None and stranger.smooth:
             around_it, sign = math.log(abs(best)) + np.array([-0.5, 0.5]), math.copysign(1.0, best)
@@ -113,10 +114,14 @@ class _Around:
         """Return changes (M,) without what the nominal parameters, bounds apart, can imitate."""
         return seen - self.seen @ (self.inverse @ (self.seen.T @ seen))
 
-    def cost(self, base: np.ndarray, change: np.ndarray, any_scale: bool
+    def cost(self, left: np.ndarray, change: np.ndarray, any_scale: bool
              ) -> tuple[float, float]:
-        """Return the cost of a change (N,) of a residual, and the multiple of it that counts."""
-        left, along = self.cleared(self.lens(base)), self.cleared(self.lens(change))
+        """
+        Return the cost of a change (N,) of a residual, and the multiple of it that counts.
+
+        ``left`` (M,) is what is seen of the residual without what is re-tuned.
+        """
+        along = self.cleared(self.lens(change))
         scale = 1.0
         if any_scale:
             scale = -float(along @ left) / max(float(along @ along), 1e-30)
