@@ -343,7 +343,8 @@ def test_what_resembles_a_pair_is_judged_where_neither_of_the_two_was_asked_alon
     assert nats[name] > nats[driven] and nats[late] > nats[driven]
 
 
-@pytest.mark.parametrize('share, exchanged', [(1.0, False), (1.5, True)])
+@pytest.mark.parametrize('share, exchanged', [
+    pytest.param(1.0, False, marks=pytest.mark.slow), (1.5, True)])
 def test_who_is_stuck_at_a_bound_may_stand_for_what_its_form_is_like(device, share, exchanged):
     true = device.with_effects({'amplifier_bandwidth': {'output_resistance': 20.0},
                                 'sensor_gain': {'gain_error': 0.02}})

@@ -166,7 +166,7 @@ def reads_by(channel, factor=1.0, lag=None, shift=0.0):
 
 @pytest.mark.parametrize('channel, factor, lag, shift, says', [
     slow('charge', 1.05, None, 0.0, 'reads about 5.0 % too much'),
-    ('charge', 0.96, None, 0.0, 'reads about 4.0 % too little'),
+    slow('charge', 0.96, None, 0.0, 'reads about 4.0 % too little'),
     slow('charge', 1.0, 2e-3, 0.0, 'has a lag of about 2.0 ms'),
     slow('voltage', 1.03, None, 0.0, 'reads about 3.0 % too much'),
     slow('voltage', 1.0, 5e-4, 0.0, 'has a lag of about 500 µs'),
@@ -206,7 +206,7 @@ def test_what_is_wrong_and_followed_is_no_wrong_reading(device, effect):
     (runs_slow, None, ('displacement',), 'sensor'), slow(has_play, None, ALL, 'mechanical'),
     slow(leaks, None, ALL, 'sensor'), slow(forgets, None, ALL, 'sensor'),
     slow(jumps, None, ('charge', 'displacement'), 'electrical'),
-    (warms, None, ALL, 'transducer'), slow(is_averaged, None, ALL, 'sensor'),
+    slow(warms, None, ALL, 'transducer'), slow(is_averaged, None, ALL, 'sensor'),
     slow(starts_anyhow, None, ('displacement',), 'sensor'),
     (wanders, None, ('displacement',), 'sensor'),
     slow(None, warms_up, ('charge', 'displacement'), 'drive')])
