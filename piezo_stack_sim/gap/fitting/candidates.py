@@ -465,18 +465,18 @@ def _led(fitter: Fitter, name: str, probes: list[Probe], nominal: Fit) -> list[P
     def retuned(place):
         return fitter.retuned(fitter.residual_of({name: place}, filed), filed)
 
-    def first(probe):
-        return History(name, probe.place, lambda place: retuned(place)[0]).first()
+    def history(place):
+        return History(name, place, lambda place: retuned(place)[0])
 
     def whole(led):
         if SETTLED * fitter.rows.size < led.cost < FALLEN * now:
-            led = History(name, led.place, lambda place: retuned(place)[0]).others(led)
+            led = history(led.place).others(led)
         promise = now - led.cost
         return Probe(name, led.place, None, promise, promise, Place(led.place, {}),
                      retuned(led.place)[1])
 
     # From several places the first often comes to one, from which all are searched once.
-    return parallel(whole, apart(parallel(first, probes)))
+    return parallel(whole, apart(parallel(lambda p: history(p.place).first(), probes)))
 
 
 def probe_tone(fitter: Fitter, others: dict, fit: Fit) -> Probe:
