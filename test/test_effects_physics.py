@@ -14,7 +14,7 @@ from piezo_stack_sim.plant import Device, layout, Plant, PlantState, simulate
 from piezo_stack_sim.plant.build import build_model
 import pytest
 from scipy.integrate import solve_ivp, trapezoid
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 SOURCE = {'output_resistance': 50.0}  # ohm, keeps a step from ringing past its end
 DECADES = np.concatenate([[0.0], np.logspace(-2, 2, 41)])
@@ -507,20 +507,21 @@ def test_a_joint_that_closes_is_read_as_late_as_the_rest(irregular):
     assert np.abs(late - seen()).max() > 1e-7
 
 
-def _through_a_lag(time, values, constant):
-    """Return values behind a first-order lag, by hundreds of times as many rows."""
+def _through_a_low_pass(time, values, constant, quality):
+    """Return values behind a low pass, by hundreds of times as many rows."""
     fine = np.linspace(time[0], time[-1], 400 * time.size)
-    follows = math.exp(-(fine[1] - fine[0]) / constant)
-    seen = lfilter([1.0 - follows], [1.0, -follows], np.interp(fine, time, values))
-    return np.interp(time, fine, seen)
+    up, down, _ = cont2discrete(((1.0,), ((quality * constant) ** 2, constant, 1.0)[not quality:]),
+                                fine[1] - fine[0], 'foh')
+    return np.interp(time, fine, lfilter(np.ravel(up), down, np.interp(fine, time, values)))
 
 
 @pytest.mark.parametrize('irregular', [False, True])
+@pytest.mark.parametrize('quality', [0.0, 0.4, 0.65])
 @pytest.mark.parametrize('what, given, force', [
     ('transducer_nonlinearity', {'curvature': 0.1}, 0.0),
     ('series_compliance', {'compliance': 1e-8}, -100.0),
     ('series_compliance', {'compliance': 1e-8, 'stiffening': 0.02}, -100.0)])
-def test_a_slow_sensor_sees_late_whatever_moves_it(what, given, force, irregular):
+def test_a_slow_sensor_sees_late_whatever_moves_it(what, given, force, quality, irregular):
     """What follows charge or force at once is shown to the sensor, too."""
     row = 9e-9  # m; it moves by 9 um in 1000 rows, and between rows the reference is a line
     time = np.arange(2001) * 1e-4
@@ -534,9 +535,9 @@ def test_a_slow_sensor_sees_late_whatever_moves_it(what, given, force, irregular
                         'voltage').displacement
 
     at_once = seen()
-    slow = seen(sensor_lag={'time_constant': 0.01})
+    slow = seen(sensor_lag={'time_constant': 0.01, 'quality_factor': quality})
     assert np.abs(at_once - slow).max() > 2e-7
-    assert np.abs(slow - _through_a_lag(time, at_once, 0.01)).max() < row
+    assert np.abs(slow - _through_a_low_pass(time, at_once, 0.01, quality)).max() < row
     for delay in (0.02, 0.02003):
         late = seen(sensor_delay={'delay': delay})
         assert np.abs(late[time < delay]).max() < 1e-12  # nothing before its time
@@ -544,9 +545,11 @@ def test_a_slow_sensor_sees_late_whatever_moves_it(what, given, force, irregular
         assert np.abs(late - np.interp(time - delay, time, at_once)).max() < row
 
 
-def test_what_a_slow_sensor_is_shown_goes_on_in_calls_of_any_size():
+@pytest.mark.parametrize('quality', [0.0, 0.65])
+def test_what_a_slow_sensor_is_shown_goes_on_in_calls_of_any_size(quality):
     target = device('transducer_nonlinearity', curvature=0.1).with_effects(
-        {'sensor_lag': {'time_constant': 0.01}, 'sensor_delay': {'delay': 1.23e-3}})
+        {'sensor_lag': {'time_constant': 0.01, 'quality_factor': quality},
+         'sensor_delay': {'delay': 1.23e-3}})
     command = 60.0 * np.clip(np.arange(2000) / 1000.0, 0.0, 1.0)
     whole = Plant(target, 1e-4).run(command).displacement
     plant = Plant(target, 1e-4)
@@ -556,9 +559,23 @@ def test_what_a_slow_sensor_is_shown_goes_on_in_calls_of_any_size():
     other.restore(state)
     assert np.array_equal(np.concatenate([*parts, other.run(command[700:]).displacement]), whole)
     with pytest.raises(InputError, match='shown besides'):
-        bare = only('sensor_lag', time_constant=0.01).with_effects(
+        bare = only('sensor_lag', time_constant=0.01, quality_factor=quality).with_effects(
             {'sensor_delay': {'delay': 1.23e-3}})
         Plant(bare, 1e-4).restore(state)
+
+
+@pytest.mark.parametrize('sensor', [
+    {'time_constant': 4e-3}, {'time_constant': 2e-3, 'quality_factor': 0.9},
+    {'time_constant': 2e-3, 'quality_factor': 0.3},
+    {'time_constant': 4e-3, 'quality_factor': 0.65}])
+@pytest.mark.parametrize('quality', [0.0, 0.4, 0.65])
+def test_another_filter_before_a_device_at_rest_shows_what_the_one_before_did(quality, sensor):
+    bowed = device('transducer_nonlinearity', curvature=0.1)
+    plant = Plant(bowed.with_effects({'sensor_lag': {
+        'time_constant': 2e-3, 'quality_factor': quality}}), 1e-3, 'voltage', noise=False)
+    before = plant.run(np.full(60, 60.0)).displacement[-1]
+    plant.set_device(bowed.with_effects({'sensor_lag': sensor}))
+    assert plant.run(np.full(60, 60.0)).displacement == pytest.approx(before, abs=1e-12)
 
 
 def test_a_sensor_that_gets_later_shows_what_it_showed_until_then():
@@ -761,8 +778,17 @@ def test_a_sensor_lag_halves_the_power_at_its_bandwidth():
 def test_a_sensor_with_a_filter_loses_half_the_amplitude_where_each_loses_half_the_power():
     tau = 1.0 / (2.0 * math.pi * 1000.0)
     (gain, lag), (base, lead) = (lags(target, 1000.0)[2] for target in (
-        only('sensor_lag', time_constant=tau, second_time_constant=tau), IDEAL))
+        only('sensor_lag', time_constant=2.0 * tau, quality_factor=0.5), IDEAL))
     assert gain / base == pytest.approx(0.5, rel=1e-3)
+    assert lag - lead == pytest.approx(90.0, abs=0.3)
+
+
+@pytest.mark.parametrize('quality', [0.3, 0.577, 0.707, 1.0])
+def test_a_sensor_with_a_filter_of_second_order_has_its_quality_at_its_corner(quality):
+    tau = 1.0 / (2.0 * math.pi * 1000.0)
+    (gain, lag), (base, lead) = (lags(target, 1000.0)[2] for target in (
+        only('sensor_lag', time_constant=tau / quality, quality_factor=quality), IDEAL))
+    assert gain / base == pytest.approx(quality, rel=1e-3)
     assert lag - lead == pytest.approx(90.0, abs=0.3)
 
 

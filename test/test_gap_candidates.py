@@ -169,6 +169,16 @@ def test_an_effect_is_found_where_no_usual_place_is_near(device, effect, values)
         assert found[name] == pytest.approx(value, rel=0.05)
 
 
+def test_a_filter_that_swings_is_found_in_slow_recordings_too(device):
+    # What they show of it is no time, and grows with the square of its times: no line from none.
+    given = {'time_constant': 4e-5, 'quality_factor': 0.6}
+    fitter = fitter_of(device, device.with_effects({'sensor_lag': given}), (
+        programmes.triangle(peaks=(30.0, 90.0)), programmes.decay(rate=10e3)),
+        np.random.default_rng(5))
+    found = searched(fitter, 'sensor_lag')
+    assert found == pytest.approx(given, rel=0.1)
+
+
 @pytest.mark.parametrize('swings', [
     (18.6, 0.0, 0.0), pytest.param((42.0, -9.0, 25.0), marks=pytest.mark.slow)])
 def test_earlier_swings_are_found_to_the_noise(device, swings):

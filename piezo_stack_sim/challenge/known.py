@@ -229,11 +229,13 @@ def periodic_disturbance(unit, size, frequency, harmonic, free, seed):
 
 # -- sensor ----------------------------------------------------------------------------------
 
-@register(KNOWN, 'sensor', 'the low pass of the electronics that read the sensor', 'displacement',
-          time_constant=log(1e-6, 4e-4), quality=uniform(0.55, 0.68))
-def sensor_lag(unit, time_constant, quality):
+@register(KNOWN, 'sensor', 'the pole of a sensor head, and the low pass of what reads it',
+          'displacement', time_constant=log(1e-6, 4e-4), quality=uniform(0.55, 0.75),
+          head=uniform(0.15, 0.5))
+def sensor_lag(unit, time_constant, quality, head):
     # Between a Bessel filter, which keeps the shape, and a Butterworth filter, which is flat.
-    return unit.change(sensing={'lag': time_constant, 'lag_quality': quality})
+    return unit.change(sensing={'head_lag': head * time_constant, 'lag_quality': quality,
+                                'lag': (1.0 - head) * time_constant})
 
 
 @register(KNOWN, 'sensor', 'a converter with its own clock that shows its last finished reading',

@@ -48,6 +48,7 @@ class Sensing:
     run_up_from: float = 20.0  # Hz
     run_up_to: float = 150.0  # Hz
     # Displacement sensor
+    head_lag: float = 0.0  # s, of its head and what demodulates that: one pole
     lag: float = 0.0  # s, by which its output filter is late at low frequencies
     lag_quality: float = 0.577  # of that filter's pair of poles: Bessel 0.577, Butterworth 0.707
     conversion_period: float = 0.0  # s, converter with its own clock
@@ -176,6 +177,8 @@ def measure(sensing, trace, time, index):
         x = x + sway(t, x, sensing.mode_frequencies, sensing.mode_damping, sensing.mode_way,
                      sensing.mode_parts)
     x = x + surroundings(sensing, t - t[0], random)
+    if sensing.head_lag > 0.0:
+        x = low_pass(t, x, sensing.head_lag)
     if sensing.lag > 0.0:
         x = filtered(t, x, sensing.lag, sensing.lag_quality)
     seen = time[0] + (time - time[0]) * (1.0 + sensing.clock_error) - sensing.conversion_latency

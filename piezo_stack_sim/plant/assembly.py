@@ -82,7 +82,7 @@ class Model:
     break_growth_exponent: float = 1.0
     fast_rates: list[float] = field(default_factory=list)
     slow_rates: list[float] = field(default_factory=list)
-    reading_lags: dict[str, float] = field(default_factory=dict)
+    reading_lags: dict[str, complex] = field(default_factory=dict)
     command_maps: list[Callable] = field(default_factory=list)
     charge_maps: list[Callable] = field(default_factory=list)
     reading_maps: list[Callable] = field(default_factory=list)
@@ -153,6 +153,11 @@ class Model:
     def read_through(self, name: str, rate_constant: float) -> None:
         """Put a first-order lag of ``rate_constant`` (1/s) behind the reading, unless instant."""
         if rate_constant * INSTANT <= 1.0:
+            self.reading_lags[name] = rate_constant
+
+    def read_through_pair(self, name: str, rate_constant: complex) -> None:
+        """Put two lags, of a complex ``rate_constant`` (1/s) and its conjugate, there likewise."""
+        if abs(rate_constant) * INSTANT <= 1.0:
             self.reading_lags[name] = rate_constant
 
     def drive_through(self, name: str, rate_constant: float) -> None:
@@ -242,9 +247,16 @@ def attach_load(model: Model) -> None:
 def attach_lags(model: Model) -> None:
     """Put the lags of the sensor behind all that it is shown, the load's joint included."""
     for name, rate_constant in model.reading_lags.items():
-        terms = {source: gain * rate_constant for source, gain in model.reading_terms.items()}
-        terms[name] = -rate_constant
-        model.add_state(name, terms)
+        if isinstance(rate_constant, complex):
+            # One equation of second order: its states are real.
+            square, velocity = abs(rate_constant) ** 2, f'{name}_velocity'
+            terms = {source: gain * square for source, gain in model.reading_terms.items()}
+            model.add_state(name, {velocity: 1.0})
+            model.add_state(velocity, {**terms, name: -square,
+                                       velocity: -2.0 * rate_constant.real})
+        else:
+            terms = {source: gain * rate_constant for source, gain in model.reading_terms.items()}
+            model.add_state(name, {**terms, name: -rate_constant})
         model.reading_terms = {name: 1.0}
 
 
@@ -408,7 +420,8 @@ def assemble(model: Model) -> System:
         quickest = max(quickest, elastance / resistance)
         # The quicker the charge follows, the more its rate shows of what a port strays.
         real[layout.R_TOL] *= min(1.0, max(0.02, resistance / elastance / 1e-7))
-    rate_max = max([omega_max, model.b / model.m, quickest, *model.reading_lags.values()])
+    rate_max = max([omega_max, model.b / model.m, quickest,
+                    *map(abs, model.reading_lags.values())])
     real[layout.R_QUICKEST] = quickest
     real[layout.R_RATE_MAX] = rate_max
 

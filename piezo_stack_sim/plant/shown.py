@@ -28,33 +28,31 @@ class Course:
         Takes outputs (n, outputs), returns displacements (n,).
     settling : float
         Time constant (s) with which it moves after each row begins.
-    lags : sequence of float
-        Rate constants (1/s) of the sensor.
+    lags : sequence of float or complex
+        Rate constants (1/s) of the sensor; a complex one stands for itself and its conjugate.
 
     Attributes
     ----------
-    trail : ndarray, shape (1 + 2 lags,)
-        What there is now (m), what the filter of each lag remembers, and what comes out of it.
+    trail : ndarray, shape (1 + lags,)
+        What there is now (m), and what comes out of each lag: all that these remember.
 
     """
 
-    def __init__(self, function: Callable, settling: float, lags: Sequence[float]) -> None:
+    def __init__(self, function: Callable, settling: float, lags: Sequence[complex]) -> None:
         self.function = function
         self.settling = max(settling, INSTANT)
-        self.lags = tuple(lags)
-        self.trail = np.zeros(1 + 2 * len(self.lags))
+        self.lags: tuple[complex, ...] = tuple(each for lag in lags for each in (
+            (lag, lag.conjugate()) if isinstance(lag, complex) else (lag,)))
+        self.trail = np.zeros(1 + len(self.lags), complex if any(
+            isinstance(lag, complex) for lag in self.lags) else float)
 
-    def rest(self, out: np.ndarray, period: float) -> None:
+    def rest(self, out: np.ndarray) -> None:
         """Let the lags rest at outputs (outputs,) of the kernel."""
-        value = float(self.function(out[None, :])[0])
-        self.trail[:] = value
-        for i, lag in enumerate(self.lags):
-            follows, _, then = self._weights(lag, period)
-            self.trail[1 + 2 * i] = value * float(then + follows)
+        self.trail[:] = self.function(out[None, :])[0]
 
     def now(self, out: np.ndarray) -> float:
         """Return what the sensor shows of it (m) at outputs (outputs,) of the kernel."""
-        return float(self.trail[-1] if self.lags else self.function(out[None, :])[0])
+        return float(self.trail[-1].real if self.lags else self.function(out[None, :])[0])
 
     def follow(self, out: np.ndarray, period: float, late: float) -> np.ndarray:
         """Do what :meth:`Shown.follow` does."""
@@ -64,18 +62,19 @@ class Course:
         trail[0] = values[-1]
         shown = before + self._moved(period - late, period) * (values - before)
         for i, lag in enumerate(self.lags):
-            follows, now, then = map(float, self._weights(lag, period))
-            passed, trail[1 + 2 * i:2 + 2 * i] = lfilter(
-                [now, then], [1.0, -follows], values, zi=trail[1 + 2 * i:2 + 2 * i])
-            last = np.concatenate([trail[2 + 2 * i:3 + 2 * i], passed[:-1]])
-            trail[2 + 2 * i] = passed[-1]
-            follows, now, then = map(float, self._weights(lag, period - late))
+            follows, now, then = self._weights(lag, period)
+            # Of what went in and came out: its weights may be new since.  The product is the
+            # filter's own, to the bit: a call may end anywhere.
+            passed, _ = lfilter([1.0], [1.0, -follows], now * values + then * before,
+                                zi=[follows.item() * trail[1 + i].item()])
+            last = np.concatenate([trail[1 + i:2 + i], passed[:-1]])
+            trail[1 + i] = passed[-1]
+            follows, now, then = self._weights(lag, period - late)
             shown = follows * last + now * shown + then * before
             values, before = passed, last
-        return shown if late else values
+        return (shown if late else values).real
 
-    def follow_irregular(self, out: np.ndarray, time: np.ndarray, delay: float, period: float
-                         ) -> np.ndarray:
+    def follow_irregular(self, out: np.ndarray, time: np.ndarray, delay: float) -> np.ndarray:
         """Do what :meth:`Shown.follow_irregular` does."""
         gaps, times = np.diff(time), np.maximum(time[1:] - delay, time[0])
         row = np.clip(np.searchsorted(time, times, side='right') - 1, 0, gaps.size - 1)
@@ -84,24 +83,22 @@ class Course:
         self.trail[0] = values[-1]
         shown = values[row] + self._moved(since, gaps[row]) * (values[row + 1] - values[row])
         for i, lag in enumerate(self.lags):
-            passed = [float(self.trail[2 + 2 * i])]
+            passed = [self.trail[1 + i].item()]
             weights = np.column_stack(self._weights(lag, gaps)).tolist()
             for (follows, now, then), one, other in zip(
                     weights, values[:-1].tolist(), values[1:].tolist()):
                 passed.append(follows * passed[-1] + now * other + then * one)
-            follows, now, then = self._weights(lag, period)
-            self.trail[1 + 2 * i] = then * values[-1] + follows * passed[-1]
-            self.trail[2 + 2 * i] = passed[-1]
+            self.trail[1 + i] = passed[-1]
             follows, now, then = self._weights(lag, np.maximum(since, INSTANT))
             shown = follows * np.array(passed)[row] + now * shown + then * values[row]
             values = np.array(passed)
-        return shown
+        return shown.real
 
     def _moved(self, since, period):
         """Return which part of its way in a row of a period (s) it has made some time (s) in."""
         return np.expm1(-since / self.settling) / np.expm1(-period / self.settling)
 
-    def _weights(self, lag: float, period):
+    def _weights(self, lag: complex, period):
         """Return what a lag (1/s) takes in a period (s) of itself, of now and of a row ago."""
         follows, left = np.exp(-lag * period), np.exp(-period / self.settling)
         fast = lag * self.settling
@@ -132,18 +129,19 @@ class Shown:
     @property
     def trail(self) -> list[float]:
         """Return what is remembered, as plain numbers."""
-        return [value for course in self.courses for value in course.trail.tolist()]
+        return [value for course in self.courses for value in course.trail.view(float).tolist()]
 
     def restore(self, trail: Sequence[float]) -> None:
         """Remember what :attr:`trail` told."""
         numbers = iter(trail)
         for course in self.courses:
-            course.trail[:] = [next(numbers) for _ in course.trail]
+            plain = course.trail.view(float)
+            plain[:] = [next(numbers) for _ in plain]
 
-    def rest(self, out: np.ndarray, period: float) -> None:
+    def rest(self, out: np.ndarray) -> None:
         """Let the lags rest at outputs (outputs,) of the kernel."""
         for course in self.courses:
-            course.rest(out, period)
+            course.rest(out)
 
     def now(self, out: np.ndarray) -> float:
         """Return what the sensor shows of it (m) at outputs (outputs,) of the kernel."""
@@ -158,8 +156,7 @@ class Shown:
         return sum((course.follow(out, period, late) for course in self.courses),
                    np.zeros(len(out)))
 
-    def follow_irregular(self, out: np.ndarray, time: np.ndarray, delay: float, period: float
-                         ) -> np.ndarray:
+    def follow_irregular(self, out: np.ndarray, time: np.ndarray, delay: float) -> np.ndarray:
         """Do the same at the rows ``time[1:]`` (s), all of it ``delay`` (s) late."""
-        return sum((course.follow_irregular(out, time, delay, period)
-                    for course in self.courses), np.zeros(len(out)))
+        return sum((course.follow_irregular(out, time, delay) for course in self.courses),
+                   np.zeros(len(out)))

@@ -139,7 +139,7 @@ class Plant:
         # What the charge does to the material counts from the relaxed one.
         joint = sum(function(outputs[6]) for function in model.joint_maps)
         self._zero = np.array([reading + joint, outputs[2], 0.0 if led else outputs[2], 0.0])
-        self._shown.rest(outputs, self.period)
+        self._shown.rest(outputs)
         reading += self._shown.now(outputs)
         self._readings[:] = reading
         if led and (self._model.reading_maps or self._shown):
@@ -309,7 +309,7 @@ class Plant:
         if len(trail) == len(self._shown.trail):
             self._shown.restore(trail)
         else:
-            self._shown.rest(self._raw()[0], self.period)
+            self._shown.rest(self._raw()[0])
         # A sensor that is later from now on shows what it shows until then.
         self._readings = _resized(readings, self._reading_lag, shown)
 
@@ -474,8 +474,7 @@ class Plant:
     def finish(self, time, out, read) -> Response:
         """Pass raw outputs of a timeline that began at ``time[0]`` through the sensors."""
         if self._shown:
-            read = read + self._shown.follow_irregular(
-                out, time, self._model.sensor_delay, self.period)
+            read = read + self._shown.follow_irregular(out, time, self._model.sensor_delay)
         measured = self._measure(self.time + (time[1:] - time[0]), out, read, self.noisy)
         self.time += time[-1] - time[0]
         self._ticks = round(self.time / self.period)

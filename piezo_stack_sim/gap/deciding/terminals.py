@@ -129,7 +129,8 @@ class Terminals:
             return set()
         row = min(track.recording.period for track in self.behind.fitter.evidence.tracks)
         return {name for name, fit in self.behind.search.fits.items() if EFFECTS[name].is_late
-                and sum(fit.effects[name].values()) < UNTOLD * row}
+                and sum(fit.effects[name][p.name] for p in EFFECTS[name].parameters
+                        if p.unit == 's') < UNTOLD * row}
 
     def join(self, fitter: Fitter, search: Search, thresholds: Thresholds,
              progress: Callable[[str], None]) -> Cut | None:

@@ -22,7 +22,7 @@ from piezo_stack_sim.effects.registry import EFFECTS
 from piezo_stack_sim.gap.cores import parallel
 from piezo_stack_sim.gap.fitting.descent import WIDE
 from piezo_stack_sim.gap.fitting.fit import Fit, Fitter, STEPS, TONE
-from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of
+from piezo_stack_sim.gap.fitting.starts import extent_of, Place, starts_of, tried_shapes
 from piezo_stack_sim.gap.fitting.swings import apart, FALLEN, History
 from piezo_stack_sim.gap.measured.evidence import quieter, reweigh
 from piezo_stack_sim.gap.measured.forward import (
@@ -198,9 +198,10 @@ def _from_relatives(search: Search) -> list[tuple[str, dict[str, float], np.ndar
     """
     times = times_of(search.fits)
     best = min(times, key=lambda name: search.fits[name].cost, default='')
-    places = [(name, {times[name]: search.fits[best].effects[best][times[best]]},
+    places = [(name, {**shape, times[name]: search.fits[best].effects[best][times[best]]},
                search.fits[best].phi)
-              for name in times if _outdoes(search, best, name)]
+              for name in times if _outdoes(search, best, name)
+              for shape in tried_shapes(EFFECTS[name])]
     for name, other in itertools.permutations(search.fits, 2):
         bounds = shared(name, other) if _outdoes(search, other, name) else {}
         if bounds:
@@ -449,12 +450,14 @@ def _probe(fitter: Fitter, name: str, place: Place, nominal: Fit,
     if not place.strengths:
         cost, phi = fitter.retuned(moved[0], filed)
         return Probe(name, place.shape, directions, max(gain, now - cost), now - cost, place, phi)
-    falls = [now - fitter.cost(m, nominal.phi) for m in moved]
-    best = int(np.argmax(falls))
-    promise = max(gain, falls[best])
-    # Where it fits as it stands, a line from no effect at all tells nothing better.
-    there = place.at(EFFECTS[name], factors) if gain > falls[best] else place.looks[best]
-    return Probe(name, there, directions, promise, promise, place)
+    cost, tuned, look = min(((*fitter.retuned(m, phi), look) for m, look in zip(
+        moved, place.looks)), key=lambda tried: tried[0])
+    promise = max(gain, now - cost)
+    # Where it fits as it stands, a line from no effect at all tells nothing better; nor does one
+    # to within the time between two rows, where what swings comes round.
+    if gain > now - cost and not place.dense:
+        return Probe(name, place.at(EFFECTS[name], factors), directions, promise, promise, place)
+    return Probe(name, look, directions, promise, promise, place, tuned)
 
 
 def _led(fitter: Fitter, name: str, probes: list[Probe], nominal: Fit) -> list[Probe]:

@@ -164,14 +164,22 @@ def starts_of(effect: Effect, extent: Extent) -> list[Place]:
         alone += [(p.name, part * extent.period) for p in times for part in PERIODS]
     if effect.is_time:
         # Within the time between two rows the stack swings, and so does what a delay does.
-        places += [Place({}, {p.name: part * extent.period}, dense=True)
-                   for p in times for part in PARTS]
-    places += [Place({}, {name: value}) for name, value in alone]
+        places += [Place(shape, {p.name: part * extent.period}, dense=True)
+                   for shape in tried_shapes(effect) for p in times for part in PARTS]
+    places += [Place(shape, {name: value}) for shape in tried_shapes(effect)
+               for name, value in alone]
     if len(places) > MOST and not own:
         # Keep an even choice of the product.
         pick = np.unique(np.linspace(0, len(places) - 1, MOST).round().astype(int))
         places = [places[i] for i in pick]
     return places
+
+
+def tried_shapes(effect: Effect) -> list[dict[str, float]]:
+    """Return what may shape an effect, as it names it: combinations of its ``tries``."""
+    named = [p for p in effect.parameters if p.tries and not p.magnitude and not p.late]
+    return [dict(zip((p.name for p in named), values))
+            for values in itertools.product(*(p.tries for p in named))]
 
 
 def _is_linear(parameter: Parameter) -> bool:
