@@ -29,7 +29,7 @@ class Thresholds:
     half: float = 0.5  # and the part pooled over the channels, where there is anything to remove
     flexible: float = 0.5  # part of what a cause leaves that a flexible correction may leave
     predicted: float = 0.5  # part of a gap within the noise that a flexible correction may remove
-    believed: float = 0.4  # odds of a cause below which it is none
+    believed: float = 0.5  # odds of a cause below which it is none
     trace: float = 0.05  # part removed up to which there is hardly anything
     most: float = 0.75  # part that another must remove to come before a best that is poor
     lone: float = 0.33  # part of what the best removes up to which another looks nothing like it
@@ -82,9 +82,9 @@ class Thresholds:
     too_many: int = 9  # effects in a set from which nothing is identified
     # Log odds that one effect is the whole cause: constant, per part of the removable gap that
     # stays, per decade of what is left over the noise.
-    one: tuple[float, float, float] = (3.2, -4.0, -0.5)
-    two: tuple[float, float, float] = (2.0, 0.0, 0.0)  # the same for two
-    left_open: float = 0.93  # by which it is less sure that the cause is among those of a tie
+    one: tuple[float, float, float] = (3.6, -4.0, -0.5)
+    two: tuple[float, float, float] = (2.5, 0.0, 0.0)  # the same for two
+    left_open: float = 0.95  # by which it is less sure that the cause is among those of a tie
     nothing: float = 0.95  # how often NO_GAP is right
     unknown: float = 0.95  # and UNKNOWN
     # The best may be a known effect by another form, or there is too little left to tell.
