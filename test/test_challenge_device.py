@@ -28,7 +28,7 @@ DOC = Path(__file__).resolve().parents[1] / 'doc' / 'challenge.md'
 #: Seconds instead of half a minute: every kind of excitation once.
 SHORT = programmes.Plan(
     triangle_rate=5e3, triangle_frequency=20.0, triangle_peaks=(90.0,),
-    decay_rate=10e3, decay_frequency=200.0, steps_rate=500.0, steps_hold=0.8,
+    decay_rate=10e3, decay_frequency=200.0, steps_rate=500.0, steps_hold=0.4,
     steps_levels=(0.0, 60.0, 20.0), multisine_rate=20e3, multisine_top=3000.0,
     force_frequency=20.0, force_rate=5e3)
 

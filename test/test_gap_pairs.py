@@ -320,6 +320,23 @@ def test_what_is_loud_in_a_few_cells_is_found_whatever_explains_more_of_them(
     assert found['leakage']['resistance'] == pytest.approx(1e8, rel=0.05)
 
 
+@pytest.mark.parametrize('lost, best', [
+    ({0: 3086.0, pairs.ALONE_STEPS: 6120.0}, 3086.0),  # the other hardly matters
+    ({0: 9000.0, pairs.ALONE_STEPS: 6120.0}, 6120.0)])
+def test_one_of_two_is_asked_alone_from_where_it_loses_less(monkeypatch, lost, best):
+    def fit(effects, phi, steps):
+        return SimpleNamespace(effects=effects, phi=phi, nats=lost[steps])
+
+    def better(one, other):
+        return one.nats < other.nats
+
+    forms = SimpleNamespace(fitter=SimpleNamespace(fit=fit), better=better)
+    monkeypatch.setattr(pairs, '_settled', lambda forms, start, weighings: start)
+    pair = SimpleNamespace(effects={'leakage': {}, 'amplifier_gain': {}}, phi=np.zeros(3))
+    alone = pairs._alone(forms, 'leakage', pair)
+    assert alone.nats == best and list(alone.effects) == ['leakage']
+
+
 @pytest.mark.slow
 def test_what_resembles_a_pair_is_judged_where_neither_of_the_two_was_asked_alone(device):
     true = device.with_effects({'sensor_lag': {'time_constant': 5e-5},

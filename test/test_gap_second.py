@@ -471,6 +471,10 @@ def test_beside_a_mended_first_pairs_are_told_by_what_the_second_does_there():
 
     assert said(hidden[0]) == 'MULTIPLE'
     assert said(hidden[0], replace(soft, second=200.0)) == 'CAUSE'
+    # Unless it quietens the recording that the other leaves as loud as before.
+    quiet, loud = replace(hidden[0], excess=4.0), replace(soft, second=200.0, excess=90.0)
+    assert said(quiet, loud) == 'MULTIPLE'
+    assert said(replace(quiet, excess=80.0), loud) == 'CAUSE'
 
 
 def test_where_cells_tell_nothing_all_rows_tell_which_pair_it_is(stop_and_delay):

@@ -292,13 +292,16 @@ def is_in_the_shade(best: Ranked, pair: Ranked, pairs: list[Ranked], t: Threshol
             other.second > t.nearly * pair.second and other.gain > pair.gain
             and other.removed > pair.removed)
 
+    def leaves_far_less(other):
+        return pair.left <= t.shade * other.left or pair.excess < t.halves * other.excess
+
     if pair.beside is not None:
         return any(other.beside is not None and other.second > pair.second
-                   and are_relatives(best, other, kin) for other in pairs)
+                   and are_relatives(best, other, kin) and not leaves_far_less(other)
+                   for other in pairs)
     return best.name in pair.name.split('+') and any(
         best.name in other.name.split('+') and are_relatives(best, other, kin)
-        and outshines(other) and not counts(best, other, t, kin)
-        and pair.left > t.shade * other.left and pair.excess >= t.halves * other.excess
+        and outshines(other) and not counts(best, other, t, kin) and not leaves_far_less(other)
         for other in pairs if other is not pair)
 
 

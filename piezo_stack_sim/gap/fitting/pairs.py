@@ -152,9 +152,15 @@ def _settled(forms: Forms, fit: Fit, weighings: int = WEIGHINGS) -> Fit:
 
 
 def _alone(forms: Forms, base: str, pair: Fit) -> Fit:
-    """Return a fit of one effect of a pair without the other."""
-    start = forms.fitter.fit({base: pair.effects[base]}, pair.phi, ALONE_STEPS)
-    return _settled(forms, start, FIRST_WEIGHINGS)
+    """
+    Return a fit of one effect of a pair without the other.
+
+    From where the pair has it, where the other hardly matters: what is loud would lead a fit to
+    all rows alike away, and the pair would seem to explain what one alone does there.
+    """
+    without = forms.fitter.fit({base: pair.effects[base]}, pair.phi, 0)
+    led = forms.fitter.fit(without.effects, pair.phi, ALONE_STEPS)
+    return _settled(forms, led if forms.better(led, without) else without, FIRST_WEIGHINGS)
 
 
 def _promises(fitter: Fitter, search: Search, names: Collection[str], fit: Fit
@@ -327,17 +333,21 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     known = search.fits[name]
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
     _ask_alone(forms, search, known)  # beside one of them each of the others is judged
-    starts = {}
     stuck = {free.effect for free in known.stuck}
-    for out in name.split('+'):
+
+    def resembling(out):
         kept, = set(name.split('+')) - {out}
         without = fitter.fit({kept: known.effects[kept]}, known.phi, ALONE_STEPS)
         others = [other for other in search.probes if other not in name.split('+') and (
             frozenset((out, other)) in alike or shared(other, out)
             or out in stuck and are_alike_in_form(out, other))]
-        for other, place in _promises(fitter, search, others, without)[:EXCHANGED]:
+        return [(kept, other, {**place, **clipped(known.effects[out], shared(other, out))})
+                for other, place in _promises(fitter, search, others, without)[:EXCHANGED]]
+
+    starts = {}
+    for found in parallel(resembling, name.split('+')):
+        for kept, other, place in found:
             pair = pair_of(kept, other)
-            place = {**place, **clipped(known.effects[out], shared(other, out))}
             starts[pair] = search.fits.get(pair), [
                 {kept: known.effects[kept], other: values}
                 for values in (place, *_found_alone(search, other))]
@@ -413,9 +423,9 @@ def search_mended(fitter: Fitter, search: Search, progress: Callable[[str], None
 
 def _ask_alone(forms: Forms, search: Search, pair: Fit) -> None:
     """Fit each of two effects alone, if nobody has."""
-    for base in pair.effects:
-        if base not in search.bases:
-            search.bases[base] = _alone(forms, base, pair)
+    missing = [base for base in pair.effects if base not in search.bases]
+    search.bases.update(zip(missing, parallel(
+        lambda base: _alone(forms, base, pair), missing)))
 
 
 def first_of(forms: Forms, search: Search, name: str) -> str:

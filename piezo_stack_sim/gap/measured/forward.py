@@ -83,7 +83,11 @@ def residuals(device: Device, evidence: Evidence) -> np.ndarray:
         with np.errstate(over='ignore'):
             return [track.weighted(c, simulated[c]) for c in track.channels]
 
-    return np.concatenate([row for rows in parallel(one, evidence.tracks) for row in rows])
+    # The longest first: one that begins last would leave the other cores waiting.
+    order = sorted(range(len(evidence.tracks)),
+                   key=lambda i: -len(evidence.tracks[i].recording))
+    rows = dict(zip(order, parallel(one, [evidence.tracks[i] for i in order])))
+    return np.concatenate([row for i in range(len(order)) for row in rows[i]])
 
 
 def residuals_of(evidence: Evidence, simulated: Sequence[dict[str, np.ndarray]]) -> np.ndarray:
