@@ -32,7 +32,7 @@ NOISE, DRIFT = 8e-4, 5e-4  # V rms, V/s: it warms up
 BITS = 16  # over +-10 V
 TABLE = {'m': 6.0, 'b': 2500.0, 'k': 3e6}  # kg, N s/m, N/m: resonance at some hundred hertz
 SECRETS = {
-    'sensor_lag': {'time_constant': 3e-4, 'quality': 0.57},
+    'sensor_lag': {'time_constant': 3e-4, 'quality': 0.57, 'head': 0.3},
     'rate_dependent_hysteresis': {'growth': 0.05, 'reference': 1e-2},
     'creep': {'per_decade': 0.015, 'onset': 3e-3},
 }
