@@ -783,6 +783,13 @@ def test_a_sensor_with_a_filter_loses_half_the_amplitude_where_each_loses_half_t
     assert lag - lead == pytest.approx(90.0, abs=0.3)
 
 
+def test_a_quality_of_next_to_nothing_is_one_pole():
+    time, voltage = sine(100.0, 0.0, 60.0, 2, 100)
+    one, two = (simulate(only('sensor_lag', time_constant=1e-3, quality_factor=quality), time,
+                         voltage).displacement for quality in (0.0, 1e-200))
+    assert np.array_equal(one, two)
+
+
 @pytest.mark.parametrize('quality', [0.3, 0.577, 0.707, 1.0])
 def test_a_sensor_with_a_filter_of_second_order_has_its_quality_at_its_corner(quality):
     tau = 1.0 / (2.0 * math.pi * 1000.0)

@@ -22,7 +22,7 @@ from piezo_stack_sim.effects.base import Effect, Parameter
 
 def apply(model, time_constant, quality_factor):
     """Read through a low pass."""
-    if quality_factor == 0.0:
+    if quality_factor < 1e-9:  # the square of less may be nothing to divide by
         model.read_through('sensor', 1.0 / time_constant)
         return
     # (Q T)^2 s^2 + T s + 1 = 0, by what does not cancel for small Q.
