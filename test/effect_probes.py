@@ -75,3 +75,23 @@ def lags(target, frequency, low=20.0, high=60.0, rows=400, cycles=6):
              response.displacement]
     tones = [fundamental(time, values, frequency) for values in chain]
     return [(abs(b / a), -math.degrees(np.angle(b / a))) for a, b in zip(tones, tones[1:])]
+
+
+def stroke(target, peak=90.0):
+    """Return the stroke in the last cycle of a slow triangle, in metres."""
+    time, voltage = triangle(1.0, peak, 3, 2000)
+    return float(np.ptp(simulate(target, time, voltage).displacement[4000:]))
+
+
+def at(time, values, moment):
+    """Return a value at a moment."""
+    return float(np.interp(moment, time, values))
+
+
+def ringing(target, force=-1.0):
+    """Return the natural frequency (Hz) with leads open after a small push."""
+    time = np.arange(8192) * 2e-6
+    push = np.where(time > 0.0, force, 0.0)
+    x = simulate(target, time, np.zeros(time.size), push, drive='open').displacement
+    tone = np.abs(np.fft.rfft((x - x[-1]) * np.exp(-time / 4e-3), 1 << 17))
+    return float(np.fft.rfftfreq(1 << 17, 2e-6)[1 + np.argmax(tone[1:])])
