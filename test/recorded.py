@@ -5,9 +5,10 @@
 from types import SimpleNamespace
 
 import numpy as np
-
-from piezo_stack_sim.recording import Recording, RecordingSet
+from piezo_stack_sim.errors import InputError
+from piezo_stack_sim.recording import preflight, Recording, RecordingSet
 from piezo_stack_sim.recording.statics import Statics
+import pytest
 
 NOISE = {'voltage': 5e-3, 'charge': 5e-9, 'displacement': 2e-9}
 # The AE0505D16 of Tables 1 and 2, as far as preflight looks at it.
@@ -62,3 +63,30 @@ def set_of(*recordings):
 def with_channel(recording, channel, values):
     """Return the recording with other values of a measured channel."""
     return recording.replace(measured={**recording.measured, channel: values})
+
+
+def checked(*recordings, device=DEVICE, **options):
+    """Return the recordings that pass, and the findings as text."""
+    result, findings = preflight(set_of(*recordings), device, **options)
+    return result.recordings, [str(each) for each in findings]
+
+
+def mended(recording, *others, device=DEVICE):
+    """Return the first recording after preflight and the only finding about it."""
+    passed, findings = checked(recording, *others, device=device)
+    assert len(findings) == 1, findings
+    return passed[0], findings[0]
+
+
+def refusal(recording, device=DEVICE):
+    """Return the one refusal of a recording."""
+    with pytest.raises(InputError) as error:
+        preflight(set_of(recording), device)
+    assert str(error.value).startswith('refused: triangle.csv')
+    return str(error.value)
+
+
+def same(one, other):
+    """Return whether two recordings have equal columns up to rounding."""
+    return all(np.allclose(one.columns()[name], values, rtol=1e-12, atol=1e-15)
+               for name, values in other.columns().items())
