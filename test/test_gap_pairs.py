@@ -397,3 +397,25 @@ def test_one_of_two_is_exchanged_for_another_as_that_was_found_alone(device):
     other = search.fits[pairs.pair_of(limit, 'transducer_ratio')]
     assert other.cost < 1.1 * fitter.rows.size < 0.5 * search.fits[name].cost
     assert other.effects[limit]['limit'] == pytest.approx(true['limit'], rel=0.05)
+
+
+def test_both_of_a_pair_that_stand_for_others_are_exchanged_at_once(device):
+    true = device.with_effects({'sensor_lag': {'time_constant': 3e-4},
+                                'transducer_ratio': {'ratio_error': -0.06}})
+    fitter = fitter_of(device, true, [programmes.triangle(cycles=1), programmes.multisine()],
+                       np.random.default_rng(3), NOISE)
+    names = ('sensor_lag', 'sensor_delay', 'sensor_gain', 'transducer_ratio')
+    search = search_singles(fitter, str, names)
+    wrong = pairs.pair_of('sensor_delay', 'sensor_gain')
+    search.fits[wrong] = fitter.fit({**search.fits['sensor_delay'].effects,
+                                     **search.fits['sensor_gain'].effects})
+    asked = pairs.exchange_both(fitter, search, wrong, {
+        frozenset(('sensor_lag', 'sensor_delay')),
+        frozenset(('sensor_gain', 'transducer_ratio'))}, str)
+    right = pairs.pair_of('sensor_lag', 'transducer_ratio')
+    assert asked == [right]
+    assert search.fits[right].cost < 1.1 * fitter.rows.size < 0.5 * search.fits[wrong].cost
+    # The nominal ratio may take a part of its error, but nothing else comes late.
+    late = search.fits[right].effects['sensor_lag']['time_constant']
+    assert late == pytest.approx(3e-4, rel=0.02)
+    assert {'sensor_lag', 'transducer_ratio'} <= set(search.bases)  # to be judged by

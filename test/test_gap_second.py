@@ -618,7 +618,7 @@ def test_a_second_that_a_relative_nearly_matches_is_an_error_of_form(second, for
     singles = [Ranked('leakage', 453.0, 0.9958, 1, 0.014, 277.0),
                Ranked('creep', 100.0, 0.3, 2, 0.6, 9e3)]
     pair = Ranked('leakage+mount_creep', 468.0, 0.9951, 4, 0.0035, 712.0, second=110.0, part=0.31,
-                  over=98.0, form=295.0, wrong=0.17)
+                  over=98.0, form=295.0, wrong=0.17, clear=60.0)
     other = Ranked('creep+leakage', 473.0, 0.9973, 3, 0.0028, 380.0, second=second, part=0.24,
                    over=80.0, form=form, wrong=0.12)
     kin = {frozenset(('leakage', 'creep'))}
@@ -652,3 +652,27 @@ def test_what_comes_late_before_a_slow_sensor_counts_where_that_does_not_reach(
                    **numbers)
     kin = {frozenset(name.split('+'))}
     assert decide(singles, [pair], 0.988, 4700.0, [], DEFAULTS, kin).word == word
+
+
+@pytest.mark.parametrize('excess, clear, word', [
+    (5955.0, -3.0, 'CAUSE'), (3000.0, -3.0, 'MULTIPLE'), (1.5e5, 394.0, 'MULTIPLE')])
+def test_a_second_that_shows_nowhere_else_and_leaves_the_loudest_louder_is_none(
+        excess, clear, word):
+    """A leak that grows with the voltage, which no drift does: but that may fill in a part."""
+    singles = [Ranked('leakage', 571.0, 0.9892, 1, 0.0185, 3276.0),
+               Ranked('mount_creep', 56.0, -0.09, 4, 0.71, 2.7e5)]
+    pair = Ranked('leakage+thermal_drift', 648.0, 0.9922, 3, 0.002, excess, second=137.0,
+                  part=0.74, over=138.0, form=305.0, wrong=0.02, clear=clear)
+    assert decide(singles, [pair], 0.96, 4.5e5, []).word == word
+
+
+@pytest.mark.parametrize('numbers, word', [
+    ({}, 'MULTIPLE'), ({'excess': 2.5}, 'CAUSE'), ({'part': 0.45}, 'CAUSE'),
+    ({'form': -5.0}, 'CAUSE')])
+def test_what_takes_the_loudest_to_a_tenth_needs_no_error_of_form_to_be_ruled_out(numbers, word):
+    """A stop of four times the noise beside a wrong transducer, which excuses nearly all."""
+    singles = [Ranked('transducer_ratio', 621.0, 0.9999, 2, 0.0007, 22.4),
+               Ranked('sensor_gain', 386.0, 0.954, 1, 0.29, 5768.0)]
+    pair = replace(Ranked('transducer_ratio+contact', 626.0, 0.99998, 5, 0.0002, 1.54,
+                          second=177.0, part=0.72, over=232.0, form=28.0, wrong=0.02), **numbers)
+    assert decide(singles, [pair], 0.9999, 9e3, []).word == word

@@ -23,8 +23,8 @@ from piezo_stack_sim.gap.fitting.candidates import Search
 from piezo_stack_sim.gap.fitting.fit import Fit, Fitter
 from piezo_stack_sim.gap.fitting.form import Forms
 from piezo_stack_sim.gap.fitting.pairs import (
-    add_pair, exchange, exchange_alike, explained, first_of, leading_pairs, merit_of, pair_of,
-    polish_pairs, search_mended, search_partners, wake_leading)
+    add_pair, exchange, exchange_alike, exchange_both, explained, first_of, leading_pairs,
+    merit_of, pair_of, polish_pairs, search_mended, search_partners, wake_leading)
 from piezo_stack_sim.gap.measured.evidence import Evidence, of_any_colour, reweigh
 from piezo_stack_sim.gap.measured.forward import simulate_set
 
@@ -274,9 +274,12 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
 
     ask_alone(LEADING, thresholds.finishes)
     search_mended(fitter, search, progress, names)
+    forms = Forms(fitter, judge.cells)
     for name in leading_pairs(fitter, search, 1):
         # A relative of who is certain only fills in its form: of that, another would do the same.
-        if best.removed < thresholds.certain or not is_relative(best.name, name, alike.kin):
+        # Nor does another do what one does not that leads, and explains next to nothing.
+        if ((best.removed < thresholds.certain or not is_relative(best.name, name, alike.kin))
+                and explained(forms, search, name).nats > 0.5 * thresholds.second):
             exchange_alike(fitter, search, name, alike.resembling, progress)
             ask_alone(1, 0.0)  # one of these may leave least
 
@@ -378,6 +381,9 @@ def decide_search(fitter: Fitter, search: Search, judge: Judge, ceiling: float, 
         if best_pair != name and _excess(judge, search, best_pair) > thresholds.heard:
             more = exchange_alike(fitter, search, best_pair, resembling, progress)
             asked = list(dict.fromkeys((*asked, *(each for each in more if each != name))))
+            best_pair = min((name, *asked), key=lambda each: forms.nats(search.fits[each]))
+        if _excess(judge, search, best_pair) > thresholds.heard:
+            asked = [*asked, *exchange_both(fitter, search, best_pair, resembling, progress)]
         pairs = ranked([name, *asked])
         rivals = pairs
         if any(pair.name == name for pair in hidden):

@@ -95,7 +95,7 @@ def well_formed(best: Ranked, pair: Ranked, t: Thresholds,
     which a number comes to rest at a bound, and none of the one does.
     """
     return (is_beyond_form(best, pair, t, kin) and _loses_little(best, pair, t)
-            and (best.stuck or not pair.stuck))
+            and not _fills_in(best, pair, t) and (best.stuck or not pair.stuck))
 
 
 def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
@@ -170,15 +170,28 @@ def is_mere_form(best: Ranked, pair: Ranked, pairs: Collection[Ranked]) -> bool:
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
-    if _takes_its_place(best, pair, t, kin):
+    if _takes_its_place(best, pair, t, kin) or _fills_in(best, pair, t):
         return False
     # Else it fills in some cells what the form of the first misses, and no more.
     first = pair.beside or best
-    return (pair.form > t.excused and second_explains(best, pair, t, kin)
+    # What takes nearly all of the loudest, and most of what is left where it acts, no form does.
+    takes = (first.excess > t.heard and pair.excess < t.tenth * first.excess
+             and pair.part > t.mended_part)
+    return (pair.form > (0.0 if takes else t.excused) and second_explains(best, pair, t, kin)
             and _loses_little(best, pair, t) and (
                 pair.left <= t.still * first.left
                 or 1.0 - pair.removed <= t.stays * (1.0 - first.removed)
                 or first.excess > t.heard and pair.excess <= t.halves * first.excess))
+
+
+def _fills_in(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether a second shows only where the first acts, and leaves the loudest louder still.
+
+    It is bent to a part of what the form of the first misses, and to nothing else.
+    """
+    return (pair.beside is None and best.name in pair.name.split('+') and pair.clear < t.clear
+            and pair.excess > max(best.excess, t.heard))
 
 
 def _takes_its_place(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]

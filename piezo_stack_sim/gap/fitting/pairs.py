@@ -31,6 +31,7 @@ from piezo_stack_sim.gap.quantities import words
 PARTNERS = 5  # second effects that get a fit
 PLAIN_PARTNERS = 2  # and those that promise most by plain rows
 EXCHANGED, PLAIN_EXCHANGED = 3, 1  # the same beside the second effect of the best pair
+BOTH_EXCHANGED = 2  # and where both of a pair are exchanged, beside every new first one
 MENDED = 3  # and beside a first whose form another mends
 SLACK = 0.1  # part by which the promises of places of an effect may differ and count as alike
 FIRST_STEPS = 6  # Gauss-Newton steps of all of them
@@ -333,20 +334,11 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
     known = search.fits[name]
     forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
     _ask_alone(forms, search, known)  # beside one of them each of the others is judged
-    stuck = {free.effect for free in known.stuck}
-
-    def resembling(out):
-        kept, = set(name.split('+')) - {out}
-        without = fitter.fit({kept: known.effects[kept]}, known.phi, ALONE_STEPS)
-        others = [other for other in search.probes if other not in name.split('+') and (
-            frozenset((out, other)) in alike or shared(other, out)
-            or out in stuck and are_alike_in_form(out, other))]
-        return [(kept, other, {**place, **clipped(known.effects[out], shared(other, out))})
-                for other, place in _promises(fitter, search, others, without)[:EXCHANGED]]
-
     starts = {}
-    for found in parallel(resembling, name.split('+')):
-        for kept, other, place in found:
+    for out, found in _resembling(fitter, search, name, alike).items():
+        kept, = set(name.split('+')) - {out}
+        for other, place in found.items():
+            place = {**place, **clipped(known.effects[out], shared(other, out))}
             pair = pair_of(kept, other)
             starts[pair] = search.fits.get(pair), [
                 {kept: known.effects[kept], other: values}
@@ -367,6 +359,69 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
             search.fits[pair] = fit
     search.exchanged[asked] = list(starts)
     return search.exchanged[asked]
+
+
+def _resembling(fitter: Fitter, search: Search, name: str, alike: Collection[frozenset[str]]
+                ) -> dict[str, dict[str, dict[str, float]]]:
+    """Return what might stand in the place of each of two beside the other, and from where."""
+    known = search.fits[name]
+    stuck = {free.effect for free in known.stuck}
+
+    def beside(out):
+        kept, = set(name.split('+')) - {out}
+        without = fitter.fit({kept: known.effects[kept]}, known.phi, ALONE_STEPS)
+        others = [other for other in search.probes if other not in name.split('+') and (
+            frozenset((out, other)) in alike or shared(other, out)
+            or out in stuck and are_alike_in_form(out, other))]
+        return out, dict(_promises(fitter, search, others, without)[:EXCHANGED])
+
+    return dict(parallel(beside, name.split('+')))
+
+
+def exchange_both(fitter: Fitter, search: Search, name: str, alike: Collection[frozenset[str]],
+                  progress: Callable[[str], None]) -> list[str]:
+    """
+    Fit what resembles both of a pair at once: each may stand for another as the other does.
+
+    Parameters
+    ----------
+    fitter : Fitter
+        With which all was fitted.
+    search : Search
+        Where the pair is, and where the others go.
+    name : str
+        The pair.
+    alike : collection of frozenset of str
+        Effects that resemble each other, by twos.
+    progress : callable
+        Called with a sentence at every stage.
+
+    Returns
+    -------
+    list of str
+        The names of the pairs that were asked.
+
+    """
+    progress(f'looking for what resembles both of {words(name)}')
+    known = search.fits[name]
+    forms = Forms(fitter, Cells(fitter.evidence, fitted=True))
+    firsts, seconds = _resembling(fitter, search, name, alike).values()
+
+    def started(first):
+        one, place = first
+        alone = fitter.fit({one: place}, known.phi, ALONE_STEPS)
+        others = [other for other in seconds if pair_of(one, other) not in search.fits]
+        return [fitter.fit({**alone.effects, other: place}, alone.phi, PLAIN_STEPS)
+                for other, place in _promises(fitter, search, others, alone)[:BOTH_EXCHANGED]
+                if other != one]
+
+    found = {pair_of(*fit.effects): fit for fits in parallel(started, firsts.items())
+             for fit in fits}
+    best = sorted(found, key=lambda pair: forms.nats(found[pair]))[:LEADING]
+    for pair, fit in parallel(lambda pair: (pair, _settled(forms, found[pair])), best):
+        search.fits[pair] = fit
+        _ask_alone(forms, search, fit)
+    return best
 
 
 def _found_alone(search: Search, name: str) -> list[dict[str, float]]:
