@@ -208,11 +208,25 @@ def test_beside_no_other_are_partners_looked_for_once_two_leave_next_to_nothing(
     assert asked_for_partners(monkeypatch, evidence, [quiet, second], found=left) == asked
 
 
-def asked_for_partners(monkeypatch, evidence, singles, resembling=frozenset(), found=None):
-    """
-    Return the effects beside which others are looked for, in order.
+@pytest.mark.parametrize('explains, exchanged', [(12.0, []), (25.0, ['one+other'])])
+def test_a_pair_of_which_the_second_explains_next_to_nothing_stands_for_no_other(
+        monkeypatch, evidence, explains, exchanged):
+    best = Ranked('creep', 2000.0, 0.98, 4, 0.1, 500.0)
+    monkeypatch.setattr(decision, 'leading_pairs', lambda fitter, search, most: list(search.fits))
+    assert searched(monkeypatch, evidence, [best], found=300.0, explains=explains)[1] == exchanged
 
-    Beside each the same pair is found that leaves ``found`` times the noise power, if any.
+
+def asked_for_partners(*given, **settings):
+    """Return the effects beside which others are looked for, in order."""
+    return searched(*given, **settings)[0]
+
+
+def searched(monkeypatch, evidence, singles, resembling=frozenset(), found=None, explains=0.0):
+    """
+    Return the effects beside which others are looked for, and the pairs that are exchanged.
+
+    Beside each the same pair is found that leaves ``found`` times the noise power, if any, and
+    of which the second explains so many nats.
     """
     search = SimpleNamespace(bases={}, asked=set(), fits={},
                              nominal=SimpleNamespace(residual=np.ones(9)))
@@ -230,13 +244,17 @@ def asked_for_partners(monkeypatch, evidence, singles, resembling=frozenset(), f
     monkeypatch.setattr(decision, 'polish_pairs', lambda *given: None)
     monkeypatch.setattr(decision, 'search_mended', lambda *given: None)
     monkeypatch.setattr(decision, 'add_pair', lambda *given: None)
-    monkeypatch.setattr(decision, 'exchange_alike', lambda *given: None)
+    exchanged = []
+    monkeypatch.setattr(decision, 'exchange_alike',
+                        lambda fitter, search, name, *given: exchanged.append(name))
+    monkeypatch.setattr(decision, 'explained', lambda *given: SimpleNamespace(nats=explains))
     removable = SimpleNamespace(share=lambda residual: 1.0)
     monkeypatch.setattr(decision, 'Removable', lambda *given: removable)
-    judge = SimpleNamespace(evidence=evidence, structure=lambda residual: found)
+    judge = SimpleNamespace(evidence=evidence, structure=lambda residual: found, cells=None)
+    monkeypatch.setattr(decision, 'Forms', lambda *given: None)
     decision.search_pairs(None, search, judge, DEFAULTS, None,
                           SimpleNamespace(resembling=resembling, kin=resembling))
-    return bases
+    return bases, exchanged
 
 
 HUM = 9.37  # Hz: 1.4 periods of the shortest recording
