@@ -410,10 +410,11 @@ def exchange_both(fitter: Fitter, search: Search, name: str, alike: Collection[f
     def started(first):
         one, place = first
         alone = fitter.fit({one: place}, known.phi, ALONE_STEPS)
-        others = [other for other in seconds if pair_of(one, other) not in search.fits]
-        return [fitter.fit({**alone.effects, other: place}, alone.phi, PLAIN_STEPS)
-                for other, place in _promises(fitter, search, others, alone)[:BOTH_EXCHANGED]
-                if other != one]
+        others = [other for other in seconds
+                  if other != one and pair_of(one, other) not in search.fits]
+        promised = _promises(fitter, search, others, alone)[:BOTH_EXCHANGED]
+        return [fitter.fit({**alone.effects, other: there}, alone.phi, PLAIN_STEPS)
+                for other, there in promised]
 
     found = {pair_of(*fit.effects): fit for fits in parallel(started, firsts.items())
              for fit in fits}
