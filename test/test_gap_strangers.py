@@ -13,7 +13,8 @@ from piezo_stack_sim.gap.lacking.along import suspect_pitch
 from piezo_stack_sim.gap.lacking.answered import suspect_filter
 from piezo_stack_sim.gap.lacking.course import Course
 from piezo_stack_sim.gap.lacking.in_series import capacitor_in_series
-from piezo_stack_sim.gap.lacking.meeting import meet
+from piezo_stack_sim.gap.lacking.meeting import meet, meet_one
+from piezo_stack_sim.gap.lacking.strangers import PLAY
 from piezo_stack_sim.gap.measured.evidence import prepare
 from piezo_stack_sim.gap.measured.forward import simulate_set
 from piezo_stack_sim.gap.measured.where import block_residuals
@@ -380,3 +381,25 @@ def test_a_capacitor_in_series_is_unknown_and_electrical(device):
     document = diagnose_set(a_set(in_series(device, 40e-6)), device).document
     assert (document['verdict'], document['where']['block']) == ('UNKNOWN', 'electrical')
     assert 'in series with the stack' in document['reason']
+
+
+RUBBING = {'friction': {'coulomb_force': 6.0, 'presliding': 8e-8}}
+
+
+@pytest.mark.parametrize('effects, spoil', [({}, has_play), (RUBBING, None)])
+def test_play_does_not_do_all_that_friction_does(device, effects, spoil):
+    recordings = a_set(device.with_effects(effects), ('displacement',), spoil, lively=True)
+    fitter, nominal = fitter_of(device, recordings)
+    left = meet_one(fitter, nominal, PLAY).residual
+    part = (np.mean(left ** 2) - 1.0) / (np.mean(nominal.residual ** 2) - 1.0)
+    assert part > 0.2 if effects else part < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('effects, spoil', [({}, has_play), (RUBBING, None)])
+def test_without_the_charge_friction_is_less_sure_where_play_does_as_well(device, effects, spoil):
+    recordings = a_set(device.with_effects(effects), ('displacement',), spoil, lively=True)
+    answer = diagnose_set(recordings, device, traces=False).document
+    assert answer['selected'] == ['friction']
+    assert (answer['confidence'] < 0.6) == (not effects)
+    assert ('play' in answer['reason']) == (not effects)

@@ -19,7 +19,8 @@ from piezo_stack_sim.gap.lacking.back_coupling import NOT_FELT, Suspect, suspect
 from piezo_stack_sim.gap.lacking.course import (
     CLOCK, Course, REST, skewed, speaks_for_clock, suspect_play)
 from piezo_stack_sim.gap.lacking.in_series import capacitor_in_series, SPRING
-from piezo_stack_sim.gap.lacking.meeting import meet, Met
+from piezo_stack_sim.gap.lacking.meeting import meet, meet_one, Met
+from piezo_stack_sim.gap.lacking.strangers import PLAY
 from piezo_stack_sim.gap.measured.forward import simulate_channels
 from piezo_stack_sim.gap.measured.where import block_residuals, is_driver_loudest
 from piezo_stack_sim.gap.quantities import words
@@ -34,6 +35,8 @@ WORTH = 0.03  # part of the gap that a cause must leave to be asked at all
 STRUCTURED = 0.005  # and this, where what it leaves has structure
 SPOILT = 6.0  # times the power that a channel had, or its noise, that no cause leaves it
 AS_WELL = 15.0  # nats up to which a cause and one that the library lacks explain as much
+RUBS, EVEN = 'friction', 0.5  # what looks like play but for the charge, and how often it is that
+LIKE = 6.0  # times what it leaves that play may leave, whose form nobody knows
 SURER = 10.0  # nats by which a stranger must be better than a cause
 
 
@@ -47,6 +50,7 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     are alike long, much of that is what a lag does.  What a lag leaves of it no lag does.  A part
     that has play stops where one that rubs does, but the stack does not feel it: the charge tells.
     A capacitor in series with the stack looks like a spring beside it (gap/lacking/in_series.py).
+    Without the charge what has play may look like what rubs.
     And what explains one channel by making another wrong that was right, explains nothing.
 
     Parameters
@@ -69,13 +73,13 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
                 f'{" with ".join(map(words, verdict.selected))} takes more re-tuning of the '
                 'nominal parameters, or leaves more: '))
         if other.better > -AS_WELL:
-            verdict = replace(
-                verdict, confidence=verdict.confidence * other.chance,
-                single=verdict.single * other.chance,
-                pairs={name: other.chance * sure for name, sure in verdict.pairs.items()},
-                reason=f'{verdict.reason}; {other.words}, which the library lacks, would explain '
-                       'it as well')
+            verdict = _less_sure(verdict, other.chance, f'{other.words}, which the library lacks, '
+                                 'would explain it as well')
             decision = replace(decision, verdict=verdict)
+    if verdict.selected == (RUBS,) and _may_be_play(fitter, search, decision):
+        verdict = _less_sure(verdict, EVEN, 'play, which the library lacks, does much the same: '
+                             'the charge would tell')
+        decision = replace(decision, verdict=verdict)
     spoilt = _spoilt(search, decision)
     stranger = _stranger(fitter, search, decision, thresholds, asked=bool(spoilt))
     # What is wrong at the terminals is not explained by what lies behind.
@@ -108,6 +112,23 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
         return decision
     return _unknown(decision, suspect, thresholds, _known(named) + (
         ', but ' if suspect is _PLAY else ', and of the rest '))
+
+
+def _may_be_play(fitter: Fitter, search: Search, decision: Decision) -> bool:
+    """Tell whether play does about as well as what rubs, and no charge tells the two apart."""
+    if 'charge' in fitter.evidence.channels:
+        return False
+    played, rubbed = (1.0 - decision.removable.share(residual) for residual in (
+        meet_one(fitter, search.nominal, PLAY).residual, decision.chosen(search).residual))
+    return played < min(1.0 - TOLD, LIKE * rubbed)
+
+
+def _less_sure(verdict: Verdict, chance: float, why: str) -> Verdict:
+    """Return a verdict that is right with this chance only, if it would be right else."""
+    return replace(verdict, confidence=verdict.confidence * chance,
+                   single=verdict.single * chance,
+                   pairs={name: chance * sure for name, sure in verdict.pairs.items()},
+                   reason=f'{verdict.reason}; {why}')
 
 
 def _is_felt(fitter: Fitter, search: Search, name: str) -> bool:

@@ -57,6 +57,11 @@ def meet(fitter: Fitter, nominal: Fit) -> Met | None:
     return min(met, key=lambda one: one.cost, default=None)
 
 
+def meet_one(fitter: Fitter, nominal: Fit, stranger: Stranger) -> Met:
+    """Return one stranger where it leaves least, whatever channels it takes to be told."""
+    return _met(_Around(fitter, nominal), stranger)
+
+
 def _met(around: _Around, stranger: Stranger) -> Met:
     """Return a stranger with the size that leaves least."""
     evidence = around.fitter.evidence

@@ -306,10 +306,11 @@ _BOTH = {'charge', 'displacement'}
 _DRIVEN = {'voltage', 'displacement'}
 _TERMINALS = {'voltage', 'charge'}
 
+PLAY = Stranger(Suspect('mechanical', 'the displacement is wrong as if something had play, which '
+                        'the stack does not feel'), [_BOTH], lambda outputs: PLAYS, _with_play)
 STRANGERS = (
     Stranger(CLOCK, [_MOVED], lambda outputs: _either(SKEWS), _skewed),
-    Stranger(Suspect('mechanical', 'the displacement is wrong as if something had play, which the '
-                     'stack does not feel'), [_BOTH], lambda outputs: PLAYS, _with_play),
+    PLAY,
     Stranger(Suspect('sensor', 'the displacement is wrong as if the terminal voltage leaked into '
                      'its reading'), [_MOVED], lambda outputs: (1.0,), _leaking, True),
     Stranger(Suspect('sensor', 'the charge is wrong as if its amplifier forgot it in time'),
