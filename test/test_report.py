@@ -374,10 +374,12 @@ def test_the_summary_has_at_most_25_lines(verdict, width):
     assert all(len(line) <= width for line in lines if not line.startswith('Wrote'))
 
 
-def test_unknown_says_why_on_the_terminal():
-    diagnosis = make_diagnosis('UNKNOWN')
+@pytest.mark.parametrize('verdict, confidence, says', [
+    ('UNKNOWN', 0.95, True), ('CAUSE', 0.48, True), ('CAUSE', 0.95, False)])
+def test_what_is_unknown_or_doubtful_says_why_on_the_terminal(verdict, confidence, says):
+    diagnosis = {**make_diagnosis(verdict), 'confidence': confidence}
     text = ' '.join(' '.join(line for line, _ in summary_lines(diagnosis)).split())
-    assert f'Why {diagnosis["reason"][0].upper()}{diagnosis["reason"][1:]}.' in text
+    assert (f'Why {diagnosis["reason"][0].upper()}{diagnosis["reason"][1:]}.' in text) == says
 
 
 def test_the_summary_says_it_all(cause):

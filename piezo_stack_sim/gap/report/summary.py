@@ -11,6 +11,7 @@ from piezo_stack_sim.gap.report.wording import (
     tied, verdict_sentence, VERDICTS)
 
 LINES = 25
+SURE = 0.75  # confidence from which nobody asks what makes it less
 WORTH = 0.01  # share of the gap's power from which a block is worth a word
 _COLOURS = {'NO_GAP': 'green', 'CAUSE': 'cyan', 'MULTIPLE': 'cyan', 'AMBIGUOUS': 'yellow',
             'UNKNOWN': 'red', 'NOT_IDENTIFIABLE': 'yellow'}
@@ -51,7 +52,9 @@ def summary_lines(diagnosis, width=80):
     lines += [(line, '') for line in _wrapped(verdict_sentence(diagnosis), width, 4)]
     lines += [(_cut(line, width), style) for line, style in
               [('', ''), *_gap(diagnosis), *_where(diagnosis)]]
-    if verdict == 'UNKNOWN' and diagnosis.get('reason'):
+    named = verdict in ('CAUSE', 'MULTIPLE')
+    doubtful = verdict == 'UNKNOWN' or named and diagnosis['confidence'] < SURE
+    if doubtful and diagnosis.get('reason'):
         lines += [(line, '') for line in _wrapped(
             f'Why     {as_sentence(diagnosis["reason"])}', width, 3, ' ' * 8)]
     last = []
