@@ -277,7 +277,7 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
     forms = Forms(fitter, judge.cells)
     for name in leading_pairs(fitter, search, 1):
         # A relative of who is certain only fills in its form: of that, another would do the same.
-        # Nor does another do what one does not that leads, and explains next to nothing.
+        # Nor does what resembles two of which the second explains next to nothing explain more.
         if ((best.removed < thresholds.certain or not is_relative(best.name, name, alike.kin))
                 and explained(forms, search, name).nats > 0.5 * thresholds.second):
             exchange_alike(fitter, search, name, alike.resembling, progress)

@@ -90,8 +90,9 @@ class Search:
     pair what its second effect explains there, on the fitted rows.  ``corrected`` are pairs as
     they correct the device best, where that is another fit.  ``asked`` are the effects beside
     which a second was looked for, ``exchanged`` the pairs that were fitted for resembling another,
-    by its name and what was known to resemble what.  ``mended`` holds, of a pair, the fit of its
-    first effect with a third that only mends its form, and the fit of all three.
+    by its name and what was known to resemble what, ``resembling`` what might stand in the place
+    of each of its two, and from where.  ``mended`` holds, of a pair, the fit of its first effect
+    with a third that only mends its form, and the fit of all three.
     """
 
     nominal: Fit
@@ -102,6 +103,7 @@ class Search:
     corrected: dict[str, Fit] = field(default_factory=dict)
     asked: set[str] = field(default_factory=set)
     exchanged: dict[tuple, list[str]] = field(default_factory=dict)
+    resembling: dict[tuple, dict[str, dict[str, dict[str, float]]]] = field(default_factory=dict)
     mended: dict[str, tuple[Fit, Fit]] = field(default_factory=dict)
 
     @property

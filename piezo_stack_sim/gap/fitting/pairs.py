@@ -364,6 +364,9 @@ def exchange_alike(fitter: Fitter, search: Search, name: str, alike: Collection[
 def _resembling(fitter: Fitter, search: Search, name: str, alike: Collection[frozenset[str]]
                 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return what might stand in the place of each of two beside the other, and from where."""
+    asked = name, frozenset(alike)
+    if asked in search.resembling:
+        return search.resembling[asked]
     known = search.fits[name]
     stuck = {free.effect for free in known.stuck}
 
@@ -375,7 +378,8 @@ def _resembling(fitter: Fitter, search: Search, name: str, alike: Collection[fro
             or out in stuck and are_alike_in_form(out, other))]
         return out, dict(_promises(fitter, search, others, without)[:EXCHANGED])
 
-    return dict(parallel(beside, name.split('+')))
+    search.resembling[asked] = dict(parallel(beside, name.split('+')))
+    return search.resembling[asked]
 
 
 def exchange_both(fitter: Fitter, search: Search, name: str, alike: Collection[frozenset[str]],
