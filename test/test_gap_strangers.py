@@ -370,6 +370,14 @@ def test_a_capacitor_in_series_asks_for_less_re_tuning_than_the_spring_that_look
     assert found.farads == pytest.approx(40e-6, rel=0.2)
 
 
+def test_a_capacitor_is_likelier_than_a_spring_that_would_be_softer_than_there_are(device):
+    # 140 uF ask for 0.9 % of a ratio and a capacitance that the file knows to 2 %; the spring has
+    # 0.7 N/um at most, less than any that a preloaded stack is sold with.
+    found = better_than_a_spring(device, a_set(in_series(device, 140e-6)))
+    assert found.chance < 0.4
+    assert found.farads > 100e-6
+
+
 def test_a_spring_is_no_capacitor_in_series(device):
     found = better_than_a_spring(device, a_set(device.with_effects(
         {'parallel_stiffness': {'stiffness': 3e6}})))

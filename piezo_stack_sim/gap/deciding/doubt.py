@@ -34,8 +34,8 @@ LEFT = 0.6  # part of what a cause leaves that one may leave who takes its place
 WORTH = 0.03  # part of the gap that a cause must leave to be asked at all
 STRUCTURED = 0.005  # and this, where what it leaves has structure
 SPOILT = 6.0  # times the power that a channel had, or its noise, that no cause leaves it
-AS_WELL = 15.0  # nats up to which a cause and one that the library lacks explain as much
-RUBS, EVEN = 'friction', 0.5  # what looks like play but for the charge, and how often it is that
+EVEN, ALMOST = 0.5, 0.98  # chances: one is as likely as another, and what need not be said
+RUBS = 'friction'  # what looks like play but for the charge: as often it is that
 LIKE = 6.0  # times what it leaves that play may leave, whose form nobody knows
 SURER = 10.0  # nats by which a stranger must be better than a cause
 
@@ -67,12 +67,13 @@ def doubted(fitter: Fitter, search: Search, decision: Decision, thresholds: Thre
     """
     verdict, best = decision.verdict, decision.singles[0]
     if verdict.selected and SPRING in (*verdict.selected, *verdict.tie):
-        other = capacitor_in_series(fitter, decision.chosen(search))
-        if other.better > AS_WELL:
+        other = capacitor_in_series(
+            fitter, decision.chosen(search) if SPRING in verdict.selected else search.fits[SPRING])
+        if other.chance < EVEN:
             return _unknown(decision, other.suspect, thresholds, (
-                f'{" with ".join(map(words, verdict.selected))} takes more re-tuning of the '
-                'nominal parameters, or leaves more: '))
-        if other.better > -AS_WELL:
+                f'{words(SPRING)} would explain as much, but it would be softer than such springs '
+                'are, or the stack further from its file: '), 1.0 - other.chance)
+        if other.chance < ALMOST:
             verdict = _less_sure(verdict, other.chance, f'{other.words}, which the library lacks, '
                                  'would explain it as well')
             decision = replace(decision, verdict=verdict)
@@ -166,10 +167,14 @@ def _stranger(fitter: Fitter, search: Search, decision: Decision, thresholds: Th
         return max(removable.share(residual), 1.0 - left)
 
     known = decision.chosen(search).residual if verdict.selected else nominal
-    least = STRUCTURED if judge.structure(known) > thresholds.excess else WORTH
-    if not asked and len(verdict.selected) < 2 and 1.0 - explained(judge, known) < least:
-        return None
-    met = meet(fitter, search.nominal)
+    structured, found = judge.structure(known) > thresholds.excess, []
+    if structured and SPRING in search.fits and SPRING not in verdict.selected:
+        other = capacitor_in_series(fitter, search.fits[SPRING])
+        found.append(Met(other.suspect, other.residual, other.cost))
+    if asked or len(verdict.selected) > 1 or 1.0 - explained(judge, known) > (
+            STRUCTURED if structured else WORTH):
+        found += filter(None, [meet(fitter, search.nominal)])
+    met = min(found, key=lambda one: one.cost, default=None)
     if met is None or verdict.block not in (None, met.suspect.block):
         return None
     judge = Judge.from_residual(fitter.evidence, met.residual, nominal)
@@ -192,10 +197,14 @@ def _spoilt(search: Search, decision: Decision) -> str:
     return worst if times[worst] > SPOILT else ''
 
 
-def _unknown(decision: Decision, suspect: Suspect, thresholds: Thresholds, beside: str = ''
-             ) -> Decision:
-    """Return the decision that something else is to blame than the library has."""
-    sure = thresholds.unknown
+def _unknown(decision: Decision, suspect: Suspect, thresholds: Thresholds, beside: str = '',
+             chance: float = 1.0) -> Decision:
+    """
+    Return the decision that something else is to blame than the library has.
+
+    ``chance`` is that of what is suspected, where the library has something as good.
+    """
+    sure = chance * thresholds.unknown
     return replace(decision, verdict=Verdict(
         'UNKNOWN', (), (), beside + suspect.reason, sure, 1.0 - sure, suspect.block or None))
 
