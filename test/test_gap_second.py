@@ -219,6 +219,19 @@ def test_what_counts_by_its_form_alone_is_not_at_a_bound(one, two, word):
     assert decide(singles, [pair], 0.999, 2e3, []).word == word
 
 
+@pytest.mark.parametrize('stuck, clear_part, word', [
+    (False, 0.41, 'MULTIPLE'), (True, 0.41, 'CAUSE'), (True, 0.6, 'MULTIPLE')])
+def test_what_comes_to_a_bound_counts_only_if_it_is_most_of_the_rest_elsewhere(
+        stuck, clear_part, word):
+    """A curve of the transducer that is not the library's drives its slope to the end."""
+    singles = [Ranked('transducer_nonlinearity', 5000.0, 0.98, 4, 0.02, 4.8),
+               Ranked('sensor_nonlinearity', 900.0, 0.7, 2, 0.3, 900.0)]
+    pair = Ranked('transducer_nonlinearity+transducer_ratio', 5300.0, 0.999, 5, 0.001, 0.3,
+                  second=158.0, part=0.46, over=160.0, form=420.0, wrong=0.1,
+                  clear=49.0, clear_part=clear_part, stuck=stuck)
+    assert decide(singles, [pair], 0.999, 2e3, []).word == word
+
+
 def test_what_resembles_a_believed_second_and_does_as_well_is_left_open(stop_and_delay):
     singles, pair = stop_and_delay
     believed = replace(pair('contact+thermal_drift', 700.0), part=0.46)

@@ -170,7 +170,8 @@ def is_mere_form(best: Ranked, pair: Ranked, pairs: Collection[Ranked]) -> bool:
 
 def counts(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]) -> bool:
     """Tell whether a second effect is needed: where it acts, and all in all."""
-    if _takes_its_place(best, pair, t, kin) or _fills_in(best, pair, t):
+    if (_takes_its_place(best, pair, t, kin) or _fills_in(best, pair, t)
+            or _bends_to_a_bound(best, pair, t)):
         return False
     # Else it fills in some cells what the form of the first misses, and no more.
     first = pair.beside or best
@@ -192,6 +193,17 @@ def _fills_in(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
     """
     return (pair.beside is None and best.name in pair.name.split('+') and pair.clear < t.clear
             and pair.excess > max(best.excess, t.heard))
+
+
+def _bends_to_a_bound(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether a number of two comes to rest at a bound, and none of the first alone.
+
+    What drives it there is an error of form, unless most of what is left where the first hardly
+    acts is explained.
+    """
+    return (pair.stuck and not (pair.beside or best).stuck
+            and pair.clear_part <= t.clear_part)
 
 
 def _takes_its_place(best: Ranked, pair: Ranked, t: Thresholds, kin: Collection[frozenset[str]]
