@@ -12,7 +12,8 @@ device against forces.  A flexure that grows stiffer the further it is bent is
 the same as a spring beside ``stiffness_hardening``.  A capacitor C_s in series with
 the stack, as of a Sawyer-Tower circuit, is the same as a spring of T^2/(C_s + C) and a
 ratio and capacitance smaller by the factor 1 + C/C_s (Eqs. 11 and 14, with q/C_s taken
-from the voltage): no channel tells it, only that these are further from the file than it admits.
+from the voltage): no channel tells it, only how far these are from the file, and whether there
+are springs so soft.
 Source: PI, at most a tenth of the stack's stiffness; 5 N/um take 9 to 12 % here.
 """
 
