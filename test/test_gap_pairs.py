@@ -216,6 +216,16 @@ def test_a_pair_of_which_the_second_explains_next_to_nothing_stands_for_no_other
     assert searched(monkeypatch, evidence, [best], found=300.0, explains=explains)[1] == exchanged
 
 
+@pytest.mark.parametrize('removed, alone', [(0.29, ['one+third']), (0.8, [])])
+def test_where_no_one_explains_most_what_is_found_late_is_asked_for_each_of_two(
+        monkeypatch, evidence, removed, alone):
+    """A slow driver and a wrong gain: neither removes half of the gap, and both nearly all."""
+    best = Ranked('amplifier_bandwidth', 331.0, removed, 2, 0.2, 245.0)
+    monkeypatch.setattr(decision, 'leading_pairs',
+                        lambda fitter, search, most: list(search.fits)[:1])
+    assert searched(monkeypatch, evidence, [best], found=300.0, explains=300.0)[2] == alone
+
+
 def asked_for_partners(*given, **settings):
     """Return the effects beside which others are looked for, in order."""
     return searched(*given, **settings)[0]
@@ -226,7 +236,8 @@ def searched(monkeypatch, evidence, singles, resembling=frozenset(), found=None,
     Return the effects beside which others are looked for, and the pairs that are exchanged.
 
     Beside each the same pair is found that leaves ``found`` times the noise power, if any, and
-    of which the second explains so many nats.
+    of which the second explains so many nats.  Another is found where it is exchanged, and last
+    are those of such that are asked what each of the two does alone.
     """
     search = SimpleNamespace(bases={}, asked=set(), fits={},
                              nominal=SimpleNamespace(residual=np.ones(9)))
@@ -243,10 +254,16 @@ def searched(monkeypatch, evidence, singles, resembling=frozenset(), found=None,
     monkeypatch.setattr(decision, 'exchange', lambda *given: None)
     monkeypatch.setattr(decision, 'polish_pairs', lambda *given: None)
     monkeypatch.setattr(decision, 'search_mended', lambda *given: None)
-    monkeypatch.setattr(decision, 'add_pair', lambda *given: None)
-    exchanged = []
-    monkeypatch.setattr(decision, 'exchange_alike',
-                        lambda fitter, search, name, *given: exchanged.append(name))
+    exchanged, alone = [], []
+
+    def exchange(fitter, search, name, *rest):
+        exchanged.append(name)
+        search.fits['one+third'] = SimpleNamespace(
+            residual=None, effects={'one': {}, 'third': {}}, phi=None)
+
+    monkeypatch.setattr(decision, 'exchange_alike', exchange)
+    monkeypatch.setattr(decision, 'add_pair', lambda fitter, search, start, phi: (
+        alone.append('+'.join(start)) if 'third' in start else None))
     monkeypatch.setattr(decision, 'explained', lambda *given: SimpleNamespace(nats=explains))
     removable = SimpleNamespace(share=lambda residual: 1.0)
     monkeypatch.setattr(decision, 'Removable', lambda *given: removable)
@@ -254,7 +271,7 @@ def searched(monkeypatch, evidence, singles, resembling=frozenset(), found=None,
     monkeypatch.setattr(decision, 'Forms', lambda *given: None)
     decision.search_pairs(None, search, judge, DEFAULTS, None,
                           SimpleNamespace(resembling=resembling, kin=resembling))
-    return bases, exchanged
+    return bases, exchanged, alone
 
 
 HUM = 9.37  # Hz: 1.4 periods of the shortest recording

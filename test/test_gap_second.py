@@ -667,15 +667,17 @@ def test_what_comes_late_before_a_slow_sensor_counts_where_that_does_not_reach(
     assert decide(singles, [pair], 0.988, 4700.0, [], DEFAULTS, kin).word == word
 
 
-@pytest.mark.parametrize('excess, clear, word', [
-    (5955.0, -3.0, 'CAUSE'), (3000.0, -3.0, 'MULTIPLE'), (1.5e5, 394.0, 'MULTIPLE')])
+@pytest.mark.parametrize('excess, clear, part, word', [
+    (5955.0, -3.0, 0.0, 'CAUSE'), (3000.0, -3.0, 0.0, 'MULTIPLE'),
+    (1.5e5, 394.0, 0.0, 'MULTIPLE'), (5955.0, 30.0, 0.9, 'MULTIPLE')])
 def test_a_second_that_shows_nowhere_else_and_leaves_the_loudest_louder_is_none(
-        excess, clear, word):
+        excess, clear, part, word):
     """A leak that grows with the voltage, which no drift does: but that may fill in a part."""
     singles = [Ranked('leakage', 571.0, 0.9892, 1, 0.0185, 3276.0),
                Ranked('mount_creep', 56.0, -0.09, 4, 0.71, 2.7e5)]
     pair = Ranked('leakage+thermal_drift', 648.0, 0.9922, 3, 0.002, excess, second=137.0,
-                  part=0.74, over=138.0, form=305.0, wrong=0.02, clear=clear)
+                  part=0.74, over=138.0, form=305.0, wrong=0.02, clear=clear,
+                  clear_part=part)
     assert decide(singles, [pair], 0.96, 4.5e5, []).word == word
 
 

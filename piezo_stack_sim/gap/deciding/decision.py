@@ -281,7 +281,9 @@ def search_pairs(fitter: Fitter, search: Search, judge: Judge, thresholds: Thres
         if ((best.removed < thresholds.certain or not is_relative(best.name, name, alike.kin))
                 and explained(forms, search, name).nats > 0.5 * thresholds.second):
             exchange_alike(fitter, search, name, alike.resembling, progress)
-            ask_alone(1, 0.0)  # one of these may leave least
+            # One of these may leave least.  Where no one explains most, all are asked that leave
+            # far less: it takes two, whatever leads.
+            ask_alone(1, 0.0 if best.removed >= thresholds.half else thresholds.halves)
 
 
 def _hushed(fitter: Fitter, search: Search, judge: Judge, best: Ranked, t: Thresholds) -> bool:

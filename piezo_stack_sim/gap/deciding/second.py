@@ -189,10 +189,11 @@ def _fills_in(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
     """
     Tell whether a second shows only where the first acts, and leaves the loudest louder still.
 
-    It is bent to a part of what the form of the first misses, and to nothing else.
+    It is bent to a part of what the form of the first misses, and to nothing else: where the
+    first hardly acts it does not explain most of the little there is.
     """
     return (pair.beside is None and best.name in pair.name.split('+') and pair.clear < t.clear
-            and pair.excess > max(best.excess, t.heard))
+            and pair.clear_part <= t.clear_part and pair.excess > max(best.excess, t.heard))
 
 
 def _bends_to_a_bound(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
