@@ -364,6 +364,19 @@ def test_a_relative_that_leaves_a_twentieth_of_the_gap_need_not_reach_the_noise(
     assert decide(singles, [pair], 0.84, 5e4, [], kin=kin).word == word
 
 
+@pytest.mark.parametrize('numbers, word', [
+    ({}, 'MULTIPLE'), ({'clear': 0.0, 'clear_part': 0.0}, 'CAUSE'), ({'clear_part': 0.3}, 'CAUSE'),
+    ({'form': 200.0}, 'CAUSE'), ({'second': 200.0}, 'CAUSE')])
+def test_what_fills_in_the_form_of_the_first_counts_where_that_hardly_acts(numbers, word):
+    """Friction that depends on the speed shows where it rubs, a slow ceramic everywhere."""
+    singles = [Ranked('friction', 600.0, 0.942, 2, 0.097, 89.7),
+               Ranked('creep', 200.0, 0.25, 4, 0.7, 900.0)]
+    pair = replace(Ranked('friction+rate_dependent_hysteresis', 652.0, 0.973, 6, 0.028, 45.7,
+                          second=637.0, part=0.26, over=789.0, form=973.0, wrong=0.17,
+                          clear=161.0, clear_part=0.5), **numbers)
+    assert decide(singles, [pair], 0.83, 977.0, []).word == word
+
+
 @pytest.mark.parametrize('alone, numbers, word', [
     (0.923, {}, 'MULTIPLE'),
     (0.955, {}, 'CAUSE'),  # a form may miss so much

@@ -117,7 +117,7 @@ def are_two_of_a_kind(best: Ranked, pair: Ranked, t: Thresholds,
             and pair.wrong < t.misformed and are_relatives(best, pair, kin)):
         return False
     if are_alike_in_form(one, other):
-        return _is_more_than_form(best, pair, t)
+        return _is_more_than_form(best, pair, t) or _shows_elsewhere(best, pair, t)
     if EFFECTS[one].is_late and EFFECTS[other].is_late:
         # A filter of two poles is a lag with a delay, whichever way one looks at it: only what
         # comes late in a channel that the first does not reach is another.
@@ -154,6 +154,17 @@ def _is_more_than_form(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
             and pair.excess < t.twentieth * best.excess and pair.part > t.nearly_all
             and pair.form > t.formed and pair.wrong < t.unmistaken
             and _is_clear_of_relative(pair, t))
+
+
+def _shows_elsewhere(best: Ranked, pair: Ranked, t: Thresholds) -> bool:
+    """
+    Tell whether what fills in the form of the first explains much where that hardly acts, too.
+
+    What a form misses is a part of what it does: it shows nowhere else.
+    """
+    return (best.name in pair.name.split('+') and min(pair.second, pair.over) > t.formed
+            and pair.form > t.formed and pair.clear > t.relative_clear
+            and pair.clear_part > t.clear_part)
 
 
 def _is_clear_of_relative(pair: Ranked, t: Thresholds) -> bool:
