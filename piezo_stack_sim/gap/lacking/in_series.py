@@ -124,10 +124,10 @@ def capacitor_in_series(fitter: Fitter, known: Fit) -> InSeries:
                      starts)
     away = starts[int(np.argmin(costs))]
     newtons = stiffer(away)
-    for again in reversed(range(ROUNDS)):
+    for turn in range(ROUNDS):
         bowl = _Bowl.around(fitter, away, partial(residual, newtons=newtons))
-        if not again:
-            bowl = bowl.doubted()
+        if turn == ROUNDS - 1:
+            bowl = bowl.doubted()  # before, it would lead to what is usual and not to what fits
         springs = _Weighed.of(bowl, spring, EFFECTS[SPRING].typical()[SIZE], SPRINGS)
         capacitors = _Weighed.of(bowl, capacitor, CAPACITOR, CAPACITORS)
         likelier = max(springs, capacitors, key=lambda one: one.evidence)
