@@ -50,6 +50,17 @@ def test_files_can_be_given_one_by_one(tmp_path):
     assert [each.name for each in both] == ['force', 'triangle']
 
 
+def test_of_a_set_that_is_too_large_each_file_is_thinned_out_to_its_share(tmp_path):
+    write_csv_set(set_of(slow(), pushed(300)), tmp_path)
+    whole, share = read_set(tmp_path), read_set(tmp_path, max_values=20_000)
+    numbers = {each.name: len(each) * (len(each.columns()) + 1) for each in whole}
+    assert numbers['force'] < 10_000 < numbers['triangle'] < 20_000
+    assert [len(each) for each in share] == [len(whole['force']), len(whole['triangle']) // 2]
+    found, = share['triangle'].findings
+    assert 'larger than 0.08 MB of numbers: one row in 2 was kept' in str(found)
+    assert 'shorter part' in str(found)
+
+
 def test_reading_tells_how_far_it_is(tmp_path):
     write_csv_set(set_of(slow(), pushed()), tmp_path)
     calls = []

@@ -19,6 +19,9 @@ from piezo_stack_sim.plant import load_device, save_device
 from piezo_stack_sim.plant.compilation import compile_kernels
 from piezo_stack_sim.recording.read import read_set
 
+# Of a million rows of six channels a diagnosis takes minutes, and half a gigabyte.
+MAX_VALUES = 6_000_000
+
 
 def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None, units=None,
                        progress: Callable[[str], None] = lambda message: None) -> dict:
@@ -51,7 +54,7 @@ def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None
     """
     device = load_device(params)
     progress('reading the recordings')
-    recordings = read_set(list(paths), mapping=mapping, units=units)
+    recordings = read_set(list(paths), mapping=mapping, units=units, max_values=MAX_VALUES)
     if Path(params).resolve() == (Path(out) / 'corrected.yaml').resolve():
         raise InputError(f'--params {params}: would be written over; choose another --out')
     folder = make_folder(out)  # before minutes of work that would have nowhere to go

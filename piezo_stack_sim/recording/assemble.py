@@ -144,12 +144,12 @@ def assemble(source, columns, stated=None, rows=None, findings=(), name=None):
     )
 
 
-def thinned(source, kept, step):
-    """Return the Finding about a recording of which only every `step`-th row was kept."""
+def thinned(source, kept, step, most):
+    """Return the Finding about a recording of more than `most` numbers, thinned to fewer rows."""
     return Finding(
         source, None, NOTE,
-        f'larger than {8 * MAX_VALUES / 1e6:.0f} MB of numbers: one row in {step} was kept, '
+        f'larger than {8 * most / 1e6:.3g} MB of numbers: one row in {step} was kept, '
         f'{kept} of them, with the mean of the inputs until the next; what was measured and is '
         'faster than half their rate is folded',
-        'cut the file into shorter recordings to use every row',
+        'give a shorter part of it to use every row',
     )

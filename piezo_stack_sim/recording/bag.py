@@ -396,7 +396,7 @@ def read_bag(path, mapping=None, units=None, max_values=MAX_VALUES):
     if not stream.value:
         raise InputError(f'{source}: {sources[base].field.topic} has no messages')
     if step > 1:
-        findings.append(thinned(source, len(stream.value), step))
+        findings.append(thinned(source, len(stream.value), step, max_values))
     findings += _died(source, collector)
     time, more = _times(source, stream)
     findings += more

@@ -549,7 +549,7 @@ def read_csv(path, mapping=None, units=None, max_values=MAX_VALUES):
             path, int(line), REPAIRED, 'the last row has no line end, it may have been cut',
             'it is left out'))
     if thinned_out.step > 1:
-        findings.append(thinned(path, len(table), thinned_out.step))
+        findings.append(thinned(path, len(table), thinned_out.step, max_values))
     read = {
         channel: table[:, j] * columns.scale.get(channel, 1.0)
         for j, channel in enumerate(columns.index)

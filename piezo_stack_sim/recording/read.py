@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from piezo_stack_sim.errors import InputError
-from piezo_stack_sim.recording.assemble import recording_name
+from piezo_stack_sim.recording.assemble import MAX_VALUES, recording_name
 from piezo_stack_sim.recording.bag import read_bag
 from piezo_stack_sim.recording.bag_file import FILE_ENDINGS, is_bag
 from piezo_stack_sim.recording.csv_file import read_csv
@@ -101,7 +101,7 @@ def _check_units_used(source, units, recordings):
                 f'leave it out, or say where it is, as in --map {channel}=...')
 
 
-def read_set(paths, mapping=None, units=None, progress=None):
+def read_set(paths, mapping=None, units=None, progress=None, max_values=None):
     """
     Read the recordings of one device.
 
@@ -116,6 +116,8 @@ def read_set(paths, mapping=None, units=None, progress=None):
         What their numbers mean, see `parse_units`: ``{'displacement': 'um'}``.
     progress : callable, optional
         Called with the number of files read, the number of files, and the name of the next one.
+    max_values : int, optional
+        Numbers to keep of all files together at most, as many of each: a larger one is thinned.
 
     Returns
     -------
@@ -144,12 +146,13 @@ def read_set(paths, mapping=None, units=None, progress=None):
         findings += more
     source = str(paths[0]) if len(paths) == 1 else ', '.join(str(path) for path in paths)
     _check_used(source, mapping, files)
+    most = MAX_VALUES if max_values is None else min(MAX_VALUES, max_values // len(files))
     recordings = []
     for number, path in enumerate(files):
         if progress:
             progress(number, len(files), path.name)
         reader = read_bag if is_bag(path) else read_csv
-        recording = reader(path, mapping, units)
+        recording = reader(path, mapping, units, most)
         recordings.append(recording.replace(arbitrary=True) if arbitrary else recording)
     _check_units_used(source, units, recordings)
     single = len(paths) == 1 and files != paths
