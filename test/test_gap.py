@@ -461,6 +461,28 @@ def test_bursts_that_ring_are_knocks_else_readings_stick(
     assert (suspect and suspect.block) == block
 
 
+def sticks_longer(time, x):
+    """Return a displacement whose reading sticks for nine milliseconds now and then."""
+    since = (time + 0.05) % 0.1
+    return np.where(since < 9e-3, np.interp(time - since, time, x), x)
+
+
+@pytest.mark.parametrize('spoil, block', [(sticks_longer, 'sensor'), (knocks, 'environment')])
+def test_a_reading_that_sticks_while_the_stack_is_shaken_does_not_ring(device, spoil, block):
+    # It is wrong to both sides, for the stack goes to and fro meanwhile, as what rings is.
+    shaken = programmes.multisine(periods=10)
+    shaken = shaken.replace(command=40.0 + 6.0 * np.sin(2.0 * np.pi * 200.0 * shaken.time))
+    answer = simulate(device, shaken.time, shaken.command, shaken.external_force)
+    noise = 1e-9 * np.random.default_rng(3).standard_normal(len(shaken))
+    recordings = [shaken.replace(measured={
+        'displacement': spoil(shaken.time, answer.displacement) + noise})]
+    simulated = simulate_set(device, recordings)
+    evidence = prepare(recordings, simulated)
+    cuts = block_residuals(device, evidence, simulated)
+    suspect = suspect_bursts(evidence.tracks, cuts, Course.of(evidence, simulated, cuts))
+    assert suspect.block == block
+
+
 @pytest.mark.parametrize('frequency', [600.0, 1500.0])
 @pytest.mark.parametrize('channels', [('displacement',), ('voltage', 'charge', 'displacement')])
 def test_what_rings_whenever_the_command_turns_is_no_knock(device, channels, frequency):

@@ -8,7 +8,8 @@ it comes in bursts, which nothing does that goes with the motion, and swings thr
 in each, which no reading does that jumps or sticks.  What rings whenever the command changes
 is no knock: a linear answer to the inputs tells it.  A reading that jumps between two levels, at
 times of its own, stays at each: a drift or a vibration leaves a fifth and more of itself beside
-any two levels.
+any two levels.  One that sticks stays where it was while the stack moves on, and what is wrong
+with it may swing as the motion does.
 """
 
 from __future__ import annotations
@@ -28,8 +29,11 @@ BURSTS = 12.0  # kurtosis of what comes in bursts; that of noise, which counts f
 UNTOLD = 0.8  # part of the gap that the motion must leave, if something else is to blame
 ALIKE = 0.2  # autocorrelation, from row to row, of a reading that sticks
 JUMP = 12.0  # nats that a jump from level to level must bring: one in a hundred thousand rows
+FEW = 20  # rows in bursts from which it is told whether a reading sticks
 TURNS = 6  # times that levels and jumps are asked in turn
 LEVELS = 0.13  # part of the gap that two levels may leave
+FAR, MOVES = 2.0, 6.0  # rms of a gap beyond which a burst is, and noise that a motion is beyond
+STAYS, MOSTLY = 0.3, 0.8  # part of a motion that a reading does at most that sticks, and how often
 RINGING = 300  # averaged rows after a change of an input that may ring because of it
 CALLED = 0.5  # part of a gap that is called for if its inputs tell as much
 
@@ -64,6 +68,7 @@ def suspect_bursts(tracks: Sequence[Track], cuts: Sequence[dict], course: Course
     if is_led(cuts):
         return None
     weights, dips, peaks, nexts, asked = [], [], [], [], []
+    stays: list[bool] = []
     for track, cut in zip(tracks, cuts):
         wrong, noise = cut.get('through', cut.get('behind', (np.empty(0), 1.0)))
         if wrong.size < 16:
@@ -80,11 +85,14 @@ def suspect_bursts(tracks: Sequence[Track], cuts: Sequence[dict], course: Course
         peaks.append((float(stats.kurtosis(gap, fisher=True)) * (1.0 + loud) ** 2
                       ) / loud ** 2 + 3.0)
         asked.append((track, gap))
+        stays += _stays(track, wrong, noise).tolist()
     if not weights:
         return None
     if np.average(dips, weights=weights) < RINGS:
         if np.average(peaks, weights=weights) < BURSTS:
             return None
+        if len(stays) > FEW and np.mean(stays) > MOSTLY:
+            return _STUCK
         whole, left = np.sum(parallel(lambda pair: _uncalled(*pair), asked), axis=0)
         return _KNOCKED if left > (1.0 - CALLED) * whole else None
     # Not where the motion tells it; a step is a burst of its own, but most recordings never rest.
@@ -120,6 +128,16 @@ def suspect_jumps(cuts: Sequence[dict], course: Course | None) -> Suspect | None
         rest = gap - _two_levels(gap)
         left += max(float(rest @ rest) - gap.size, 0.0)
     return _JUMPS if left < min(LEVELS, 0.5 * course.history) * loud else None
+
+
+def _stays(track: Track, wrong: np.ndarray, noise: float) -> np.ndarray:
+    """Return where a reading hardly moves, of the rows in bursts of a gap (m) that should."""
+    read = track.average(track.recording.measured['displacement'], 'displacement')
+    gap = np.abs(wrong - wrong.mean())
+    far = gap > FAR * np.sqrt(np.mean(gap ** 2))
+    does, should = np.abs(np.diff(read)), np.abs(np.diff(read - wrong))
+    rows = far[1:] & far[:-1] & (should > MOVES * noise)
+    return does[rows] < STAYS * should[rows]
 
 
 def _uncalled(track: Track, gap: np.ndarray) -> np.ndarray:
