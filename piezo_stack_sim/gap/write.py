@@ -19,8 +19,8 @@ from piezo_stack_sim.plant import load_device, save_device
 from piezo_stack_sim.plant.compilation import compile_kernels
 from piezo_stack_sim.recording.read import read_set
 
-# Of a million rows of six channels a diagnosis takes minutes, and half a gigabyte.
-MAX_VALUES = 6_000_000
+# Of half a million rows of six channels a diagnosis takes minutes, and one or two gigabytes.
+MAX_VALUES = 3_000_000
 
 
 def diagnose_to_folder(paths: Sequence[str], params: str, out: str, mapping=None, units=None,
