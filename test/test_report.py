@@ -375,7 +375,8 @@ def test_the_summary_has_at_most_25_lines(verdict, width):
 
 
 @pytest.mark.parametrize('verdict, confidence, says', [
-    ('UNKNOWN', 0.95, True), ('CAUSE', 0.48, True), ('CAUSE', 0.95, False)])
+    ('UNKNOWN', 0.95, True), ('CAUSE', 0.48, True), ('CAUSE', 0.95, False),
+    ('AMBIGUOUS', 0.58, True), ('AMBIGUOUS', 0.9, False)])
 def test_what_is_unknown_or_doubtful_says_why_on_the_terminal(verdict, confidence, says):
     diagnosis = {**make_diagnosis(verdict), 'confidence': confidence}
     text = ' '.join(' '.join(line for line, _ in summary_lines(diagnosis)).split())

@@ -52,8 +52,7 @@ def summary_lines(diagnosis, width=80):
     lines += [(line, '') for line in _wrapped(verdict_sentence(diagnosis), width, 4)]
     lines += [(_cut(line, width), style) for line, style in
               [('', ''), *_gap(diagnosis), *_where(diagnosis)]]
-    named = verdict in ('CAUSE', 'MULTIPLE')
-    doubtful = verdict == 'UNKNOWN' or named and diagnosis['confidence'] < SURE
+    doubtful = verdict == 'UNKNOWN' or diagnosis['selected'] and diagnosis['confidence'] < SURE
     if doubtful and diagnosis.get('reason'):
         lines += [(line, '') for line in _wrapped(
             f'Why     {as_sentence(diagnosis["reason"])}', width, 3, ' ' * 8)]
